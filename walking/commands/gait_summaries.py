@@ -30,6 +30,8 @@ def gait_summary(gait: Gait) -> Summary:
         spread.append(f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one")
     if fallen:
         spread.append(f"falls with {', '.join(fallen)}")
+    if hot := overheating_remark(gait):
+        spread.append(hot)
     steadiness = [
         f"{check.steadiness:.3g} x weight x limb length against pitch",
         "gaits of less are faster and tip over sooner",
@@ -54,6 +56,20 @@ def gait_summary(gait: Gait) -> Summary:
             "knots": len(gait.time),
             **dataclasses.asdict(check),
         },
+    )
+
+
+def overheating_remark(gait: Gait) -> str:
+    """Say on which varied robots a wire gets hotter than its limit; "" if on none."""
+    limit = gait.parameters.temperature_limits.maximum
+    hot = [varied for varied in gait.check.spread if varied.highest_temperature > limit]
+    if not hot:
+        return ""
+    hottest = max(varied.highest_temperature for varied in hot)
+    changes = ", ".join(varied.what for varied in hot)
+    return (
+        f"open loop, a wire reaches {hottest:.0f} °C, above its limit of {limit:g} °C, with "
+        f"{changes}; walk with feedback, which holds wires below their limit"
     )
 
 
