@@ -191,7 +191,7 @@ def measure_strides(
     assert recording.body_pose is not None
     # Angles go on beyond π; positions, in m, never jump by so much.
     pose = np.unwrap(recording.body_pose, axis=1)
-    return gait.progress(np.array([np.interp(starts, recording.time, row) for row in pose]))
+    return gait.progress(recording.interpolated(pose, starts))
 
 
 def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
@@ -219,8 +219,7 @@ def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str
     ]
 
     # Find samples before which a foot carried nothing for half a period.
-    phase_starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(phase_starts, (times - start) % gait.period, "right") - 1
+    phases = np.searchsorted(gait.phase_starts, (times - start) % gait.period, "right") - 1
     size = gait.robot.force_size
     weight = gait.contact_force[size - 1 :: size].sum(axis=0).mean()
     forces = recording.contact_force

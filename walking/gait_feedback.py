@@ -139,8 +139,9 @@ class GaitFeedback(PlanFeedback):
     def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         _, pace, amplitude, _ = state.value(2)
         times = times[0] + (times - times[0]) * pace
-        *bends, duty = super()._planned(times, state)
-        bend, reference = (self._mean_bend + amplitude * (x - self._mean_bend) for x in bends)
+        bend, reference, duty = super()._planned(times, state)
+        bend = self._mean_bend + amplitude * (bend - self._mean_bend)
+        reference = self._mean_bend + amplitude * (reference - self._mean_bend)
         holding = self._holding[[self._plan.index(time) for time in times]]
         return bend, reference, np.clip(holding + (duty - holding) * pace, 0.0, 1.0)
 

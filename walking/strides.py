@@ -134,7 +134,7 @@ def with_warp_and_friction(
 
 def warp_pattern(robot: RobotParameters) -> np.ndarray:
     """Return heights of hips (L,), of rms 1, that no plane has; zero of three hips."""
-    places = np.array([limb.position[:2] for limb in robot.limbs])
+    places = robot.hips[:, :2]
     patterns = null_space(np.column_stack([np.ones(len(places)), places]).T)
     if not patterns.size:
         return np.zeros(len(places))
@@ -149,6 +149,6 @@ def _body_motion(recording: Recording, start: float, period: float) -> np.ndarra
     assert recording.body_pose is not None
     times = start + period * np.linspace(0.0, 1.0, NUM_POSES)
     pose = np.unwrap(recording.body_pose, axis=1)
-    x, y, _, roll, pitch, yaw = (np.interp(times, recording.time, row) for row in pose)
+    x, y, _, roll, pitch, yaw = recording.interpolated(pose, times)
     moved = rotate_to_heading(np.array([x - x[0], y - y[0]]), yaw[0])
     return np.vstack([moved, yaw - yaw[0], roll, pitch])

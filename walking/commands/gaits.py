@@ -189,10 +189,10 @@ def _best_gait(
         num_processes = min(os.cpu_count() or 1, len(schedules))
         with Progress("planning", len(schedules), "schedules") as progress:
             trials = []
+            untried = list(schedules)
             for trial in run_each(plan, schedules, num_processes):
                 trials.append(trial)
-                tried = [schedule for schedule, *_ in trials]
-                untried = [schedule for schedule in schedules if schedule not in tried]
+                untried.remove(trial[0])
                 message = f"trying {format_schedule(untried[0])}" if untried else ""
                 progress.update(len(trials), message)
         trials.sort(key=lambda trial: -trial[1].merit if trial[1] else np.inf)
