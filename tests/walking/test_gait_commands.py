@@ -45,6 +45,10 @@ def test_a_robot_gets_a_gait_and_walks_by_it(robot, tmp_path, capsys):
     assert not said["fall"]
     walked = Recording.load(recorded).body_pose[0]
     assert walked[-1] - walked[0] == pytest.approx(1.9 * gait.stride, rel=0.1)
+    assert main(["walk", str(output), "-o", str(tmp_path / "again.csv"), "--replan"]) == 1
+    assert "--replan fits friction and the heights of feet of robots in space" in (
+        capsys.readouterr().err
+    )
 
 
 def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys, monkeypatch):
