@@ -286,7 +286,7 @@ def by_the_paper(kind, recording):
 
 def by_prediction(recording):
     runs = [HeatedRun.of(recording)]
-    return fit_law(LinearLaw, runs, LimbParameters().segments[0], 23.0).covariance
+    return fit_law(LinearLaw, runs, recording.parameters.segments[0], 23.0).covariance
 
 
 @pytest.mark.parametrize("name", BREAKS)
