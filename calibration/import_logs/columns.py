@@ -27,6 +27,7 @@ class Column:
         self.text = name.text
         self.values = values
         self.steps = steps
+        self.is_number = name.quantity in ("", "counts")  # of no other quantity
         is_missing = np.isnan(values)
         self.present = values[~is_missing] if is_missing.any() else values
         self.low, self.high = np.quantile(self.present, [0.02, 0.99])

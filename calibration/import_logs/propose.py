@@ -186,9 +186,8 @@ class Columns:
         return self.columns.having("name.role", role).having("name.is_measured", True)
 
     def _unnamed(self) -> ColumnList:
-        """Return free columns that move, and whose names say no signal and no other quantity."""
-        plain = self._of_role("").moving.where(lambda c: c.name.quantity in ("", "counts"))
-        return plain.where(self.free.__contains__)
+        """Return free columns that move, and whose names say no signal."""
+        return self._of_role("").moving.where(self.free.__contains__)
 
     def _like_columns(self, role: str, unnamed: ColumnList, likely: ColumnList) -> ColumnList:
         """Return the columns that are alike and of a role by their numbers; else ask for it."""
@@ -207,7 +206,7 @@ class Columns:
         # Keep the columns whose names say it best; without names, columns that others follow.
         candidates = self._of_role(DUTY)
         if not candidates:
-            unnamed = self._unnamed()
+            unnamed = self._unnamed().having("is_number", True)
             likely = unnamed.where(lambda c: c.looks_like_heat and self._is_followed(c))
             candidates = self._like_columns(DUTY, unnamed, likely)
         best = min(candidates.each("name.rank"), default=0)
@@ -447,20 +446,17 @@ class Columns:
             bend_e3 = self._bend_column(second)
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
             return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
-        # Without names, it is a column that follows the heat, or the only one that may be.
+        # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
-            candidates = unnamed.where(self._is_bent)
-            if len(unnamed) == 1 and not self.duties:
-                candidates = unnamed
+            numbers = unnamed.having("is_number", True)
+            candidates = numbers.where(self._is_bent)
+            if len(numbers) == 1 and not self.duties:
+                candidates = numbers
         if not candidates:
-            # Another quantity may be turned into it by a scale.
-            others = self._of_role("").moving.where(self.free.__contains__)
-            others = others.having("looks_like_heat", False)
-            likely = others.where(self._is_bent)[:3]
-            hints = [f"; {c.text} is a {c.name.quantity}: if it is it, give scale" for c in likely]
-            self.ask("no bend", "bend.column", likely, hints="".join(hints))
-            return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
+            likely = unnamed.where(self._is_bent)
+            self.ask("no bend", "bend.column", likely)
+            return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(candidates, key=lambda c: c.name.rank)
         for column in candidates:
