@@ -30,9 +30,10 @@ class Column:
         self.is_number = name.quantity in ("", "counts")  # of no other quantity
         is_missing = np.isnan(values)
         self.present = values[~is_missing] if is_missing.any() else values
-        self.low, self.high = np.quantile(self.present, [0.02, 0.99])
+        self.lowest, self.low, self.high = np.quantile(self.present, [0.003, 0.02, 0.99])
         self.span = float(np.ptp(self.present))
         self.top = float(np.abs(self.present).max())
+        self.first = float(np.median(self.present[:5]))
         # A duty is 0 at times, stands still mostly, and is not negative.
         self.looks_like_heat = False
         if self.span and self.present.min() >= 0 and self.present.max() <= MAX_DUTY:

@@ -7,6 +7,7 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import itertools
+import operator
 import re
 from collections.abc import Iterable
 
@@ -395,7 +396,7 @@ class Columns:
 
     def _unit_of(self, sensors: ColumnList, named: list[str]) -> str:
         """Return the unit in which the readings of like sensors can be; else `UNKNOWN`."""
-        firsts = np.array([np.median(column.present[:5]) for column in sensors])
+        firsts = np.array(sensors.each("first"))
         lows = np.array(sensors.each("low"))
         is_at_rest = (firsts - lows).max() < MAX_REST_RISE and np.ptp(firsts) < 3.0
         # In a short log, a limb that is warm in °C may seem to rest where a room is in °F.
@@ -423,7 +424,7 @@ class Columns:
         if not moving:
             return True
         factor, offset = mapping.TEMPERATURE_UNITS[unit]
-        coldest = np.array([np.quantile(column.present, 0.003) for column in moving])
+        coldest = np.array(moving.each("lowest"))
         is_warm = self.is_long and factor * coldest.max() + offset > ROOM_RANGE[1]
         return not is_warm and bool(factor * np.ptp(coldest) < MIN_OFFSET)
 
@@ -544,13 +545,13 @@ class Columns:
         """
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
+        names = list(map(operator.attrgetter("name"), wires))
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array(self.duties.each("top"))
         full = log_mapping.full or max(tops, default=1)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
-        is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
-        is_nameless &= self.has_sides
+        is_nameless = names in ([UNKNOWN], 2 * [UNKNOWN]) and self.has_sides
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
         if wires and not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
