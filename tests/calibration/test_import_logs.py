@@ -480,8 +480,6 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
         ),
         ("inverted", {"full": "255", "inverted": "true", "bend.scale": "1"}),
         ("swapped", {"wires[0].temperature": "T_right_C", "wires[1].temperature": "T_left_C"}),
-        ("frames", {"rate": f"{RATE:g}"}),
-        ("named rad", {"bend.scale": "57.29578"}),
     ],
 )
 def test_an_answered_mapping_is_read(tmp_path, truth, cases, case, answers, capsys):
