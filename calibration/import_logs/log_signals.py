@@ -381,17 +381,11 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
 def resampled(
     times: np.ndarray, duty: np.ndarray, readings: np.ndarray, rate: float
 ) -> dict[str, Any]:
-    """Return the signals of a `Recording` in even steps.
+    """Return the signals of a `Recording` in even steps, from those of `_Signals`.
 
     A row's duty is in force until the next row. Each sample has the readings of the last row
     before it and their age, and the mean duty since the sample before, which keeps the heat of
     the log; its applied duty is the mean between the rows.
-
-    Args:
-        times: times of K rows (K,), s from the first, increasing.
-        duty: duty of W wires (W, K), in [0, 1].
-        readings: temperatures V of W wires, °C, and angles φ of F bends, rad (W + F, K).
-        rate: rate of the samples, Hz.
     """
     # Each sample has the last row before it, unless the row is stale.
     grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate

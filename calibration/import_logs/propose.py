@@ -35,7 +35,6 @@ MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
-MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
@@ -458,14 +457,10 @@ class Columns:
             likely = unnamed.where(self._is_bent)
             self.ask("no bend", "bend.column", likely)
             return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
-        # Several may be the bend, unless they show the same.
-        first = min(candidates, key=lambda c: c.name.rank)
-        for column in candidates:
-            is_equal = 0.9 < column.span / first.span < 1.1
-            if not is_equal or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                self.ask("bend", "bend.column", candidates)
-                return BendColumns(UNKNOWN)
-        return self._bend_column(first)
+        if len(candidates) > 1:
+            self.ask("bend", "bend.column", candidates)
+            return BendColumns(UNKNOWN)
+        return self._bend_column(candidates[0])
 
     def _is_bent(self, column: Column) -> bool:
         """Return whether a column clearly follows the heat of a wire."""
