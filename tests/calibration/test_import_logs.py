@@ -622,6 +622,21 @@ def test_questions_are_answered_at_a_terminal(tmp_path, cases, capsys, monkeypat
     assert LogMapping.load(mapping).rate == RATE
 
 
+def test_a_heated_log_answers_for_a_log_without_heat(tmp_path, truth, cases):
+    names, columns = cases["control"]
+    heated = write(tmp_path / "heated.csv", names.split(), columns)
+    still = [truth.time, 0 * truth.duty[0], 0 * truth.duty[1], *(22 + 0 * truth.duty), columns[5]]
+    swing = write(tmp_path / "swing.csv", names.split(), still)
+    assert "T1 and T2" in import_logs([swing])[0].limb.questions[0].text
+    logs = import_logs([heated, swing])
+    assert [wire.temperature for wire in logs[1].limb.mapping.wires] == ["T1", "T2"]
+    assert logs[1].recordings
+    # A question about names that contradict numbers stays.
+    crossed = write(tmp_path / "crossed.csv", *(cases["swapped"][0].split(), cases["swapped"][1]))
+    named = write(tmp_path / "named.csv", cases["swapped"][0].split(), still)
+    assert [bool(log.recordings) for log in import_logs([crossed, named])] == [False, True]
+
+
 def test_words_of_a_lab(tmp_path, cases):
     names, columns = cases["relay"]
     path = write(tmp_path / "log.csv", names.replace("pwm", "brenner").split(), columns)
