@@ -35,6 +35,8 @@ MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
+MIN_COOLING_STEPS = 6  # steps without heat that show whether a wire cools
+SLOWEST_COOLING = 50.0  # s, in which a hot wire loses two thirds of its heat at least
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
@@ -417,15 +419,26 @@ class Columns:
     def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
         """Return whether readings may be true temperatures in one room, without offsets.
 
-        Thermocouples then become as cold as each other, and in a long log as cold as a room.
+        Thermocouples then become as cold as each other, and in a long log as cold as a room. In a
+        short log a wire may stay warmer, if it is warm at first and cools until it is heated.
         """
         moving = sensors.moving
         if not moving:
             return True
         factor, offset = mapping.TEMPERATURE_UNITS[unit]
         coldest = np.array(moving.each("lowest"))
-        is_warm = self.is_long and factor * coldest.max() + offset > ROOM_RANGE[1]
-        return not is_warm and bool(factor * np.ptp(coldest) < MIN_OFFSET)
+        are_alike = bool(factor * np.ptp(coldest) < MIN_OFFSET)
+        if self.is_long:
+            return are_alike and bool(factor * coldest.max() + offset <= ROOM_RANGE[1])
+        warmest = moving[int(coldest.argmax())]
+        lead = warmest.means[0] - min(moving.each("first"))
+        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
+        if are_alike or num_steps < MIN_COOLING_STEPS or factor * lead < MIN_OFFSET:
+            return are_alike
+        # From the middle of one half to the middle of the other it cools, at its slowest.
+        first_half, second_half = np.array_split(warmest.means[:num_steps], 2)
+        cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
+        return bool(np.nanmean(first_half) - np.nanmean(second_half) >= cooling)
 
     # The bend.
 
