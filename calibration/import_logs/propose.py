@@ -445,14 +445,13 @@ class Columns:
     def bend(self) -> BendColumns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
         # Take what names say: angles, or else points.
-        points = self._points()
-        coordinates = ColumnList(itertools.chain(*points))
+        coordinates = self._points()
         places = set(coordinates.each("name.place"))
         of_points = self.columns.where(lambda c: c.name.axis and c.name.place in places)
         candidates = self._of_role(BEND).moving.without(of_points)
         self.free = self.free.without([*of_points, *candidates])
-        if points and not candidates:
-            return self._line(points)
+        if coordinates and not candidates:
+            return self._line(coordinates)
         if self.limb.segments[0].axes == 2 and len(candidates) == 2:
             first, second = sorted(candidates, key=lambda c: (c.name.axis, c.name.label))
             bend = self._bend_column(first)
@@ -479,21 +478,20 @@ class Columns:
         """Return whether a column clearly follows the heat of a wire."""
         return bool((np.abs(column.votes(self.heats)) > MIN_VOTE).any())
 
-    def _points(self) -> list[tuple[Column, Column]]:
-        """Return the columns x and y of points in a picture; none if there is one point only."""
+    def _points(self) -> ColumnList:
+        """Return x and y of each point in a picture, in turn; none if there is one point only."""
         by_place = {}
         for column in self.columns:
             if column.name.is_measured and column.name.quantity in ("", "counts", "length"):
                 by_place[column.name.place, column.name.axis] = column
-        pairs = []
+        coordinates = ColumnList()
         for (place, axis), column in by_place.items():
             if axis == "x" and (place, "y") in by_place:
-                pairs.append((column, by_place[place, "y"]))
-        return pairs if len(pairs) > 1 else []
+                coordinates += [column, by_place[place, "y"]]
+        return coordinates if len(coordinates) > 2 else ColumnList()
 
-    def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
+    def _line(self, coordinates: ColumnList) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
-        coordinates = ColumnList(itertools.chain(*points))
         texts = coordinates.each("text")
         tip = texts[-2:]
         says_fixed = "fixed" in set().union(*coordinates.each("name.says"))
@@ -509,7 +507,8 @@ class Columns:
             zero = base_direction(coordinates.each("values"))
             # In the picture, the limb's right is clockwise.
             return BendColumns(line=texts[:2] + tip, zero=zero, scale=-1.0, measures=mapping.CHORD)
-        choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
+        starts = range(0, len(texts) - 2, 2)
+        choices = [f"[{', '.join(texts[start : start + 2] + tip)}]" for start in starts]
         self.ask("base", "bend.line", choices)
         return BendColumns(line=[UNKNOWN, UNKNOWN, *tip], scale=-1.0, measures=mapping.CHORD)
 

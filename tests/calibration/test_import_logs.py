@@ -310,7 +310,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         ("full: 1.0", "full: 0.1", "'duty' reaches 0.5, beyond full duty.*correct its full"),
         ("scale: 1.0", "scale: 1000.0", r"bend would be up to .*correct bend\.scale"),
         ("unit: C", "unit: K", "'temp_c' is beyond -60 to 600 °C .* correct its unit"),
-        ("temperature: temp_c", "temperature: duty", "'duty' is given for duty of the right wire"),
+        ("temperature: temp_c", "temperature: duty", "'duty' is given for two signals"),
         ("sign: 1.0", "sign: 0.5", r"wires\[0\]\.sign is '0\.5'; it must be one of 1\.0, -1\.0"),
     ):
         assert right in text
@@ -318,7 +318,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         with pytest.raises(LimbError, match=said):
             Recording.from_log(path, tmp_path / "m.yaml")
     mapping.wires.append(dataclasses.replace(mapping.wires[0], name="left", temperature=""))
-    with pytest.raises(LimbError, match="'duty' is given for duty of the right wire and for duty"):
+    with pytest.raises(LimbError, match="'duty' is given for two signals"):
         dataclasses.replace(mapping)
 
 
