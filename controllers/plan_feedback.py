@@ -161,17 +161,16 @@ class PlanRegulator(PlanController):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, trajectory: Trajectory, *, parameters: LimbParameters | None = None):
+    def __init__(self, trajectory: Trajectory):
         """
         Args:
             trajectory: the plan.
-            parameters: description of the limb, for gains and estimates; the plan's if None.
         """
-        parameters = LimbParameters.of(parameters or trajectory.parameters)
+        parameters = LimbParameters.of(trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
         super().__init__(parameters, self._plan.duty[0])
         self._regulator = regulator_gains(self._estimator.model, self._plan)
-        # Other parameters than the plan's bend otherwise under the plan's duty.
+        # The reduced model bends otherwise under the plan's duty.
         first = trajectory.bend_angle[:, :1].T
         planned = np.vstack([first, self._plan.bend_angle[:-1]])
         self._plan_difference = self._estimator.model.bend_angle(self._plan.heat) - planned
