@@ -26,12 +26,14 @@ class Journal(LeafSystem):
     If the program dies, `Recording.load(journal.writer.path, unfinished=True)`
     reads the samples that arrived before.
 
-    - input 0 ``duty``: D (2), in [0, 1]
-    - input 1 ``measured_temperature``: V (2), °C
-    - input 2 ``bend_angle``: φ (1), rad
-    - from input 3 on, where the limb has such outputs: ``applied_duty`` (2),
-      ``board_time`` and ``sample_age`` (1), s, and ``body_pose``; last, if there is one,
-      ``reference`` (1), rad
+    For a limb of W wires and F bends:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - input 1 ``measured_temperature``: V (W), °C
+    - input 2 ``bend_angle``: φ (F), rad
+    - from input 3 on, where the limb has such outputs: ``applied_duty`` (W), in [0, 1];
+      ``board_time`` (1) and ``sample_age`` (1), s; ``body_pose`` (3 or 6), m and rad; last, if
+      there is one, ``reference`` (F), rad
 
     ``writer`` has the file, ``signals`` the names of the inputs.
     """

@@ -19,8 +19,8 @@ class Topics:
 
     - ``duty``: Float64MultiArray; D (W), in [0, 1].
     - ``run``: Bool; true starts the plan, false stops it.
-    - ``sensors``: Float64MultiArray; [V (W), °C, φ (S), rad].
-    - ``plan``: Float64MultiArray; [time s, φ_ref (S), φ* (S), rad, D (W)].
+    - ``sensors``: Float64MultiArray; [V (W), °C, φ (F), rad].
+    - ``plan``: Float64MultiArray; [time s, φ_ref (F), φ* (F), rad, D (W)].
     - ``state``: String; an object in JSON.
     """
 
