@@ -88,6 +88,7 @@ def _jobs(options) -> list[Settings]:
         disturb=not options.quick,
         quick=options.quick,
     )
+    # List the limbs with the usual physics, then those with other physics.
     seeds = range(1 if options.quick else options.limbs)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
     if options.others:

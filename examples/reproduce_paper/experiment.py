@@ -208,6 +208,7 @@ def fit(
 ) -> tuple[Calibration, dict[str, LimbParameters]]:
     """Return the calibration of a limb, and models of it by name, the calibrated one as ""."""
     calibration = calibrate(recordings)
+    # Compare with the limb as described, the paper's method and each other law.
     models = {"": calibration.parameters, AS_DESCRIBED: LimbParameters()}
     if compare:
         models[PAPER] = calibrate(recordings, method="paper").parameters

@@ -87,6 +87,7 @@ def reproduce(
         data = list(map(dataclasses.asdict, done))
         text = json.dumps(data, indent=1, ensure_ascii=False)
         write_atomically(folder / "results.json", text)
+        # Print a line for each of several limbs.
         if len(jobs) > 1:
             print(f"{len(completed):>3} of {len(jobs)}: {_line(summary)}", flush=True)
     assert first is not None
@@ -109,6 +110,7 @@ def _family(summary: Summary) -> str:
 
 def _line(summary: Summary) -> str:
     """Return a line with a limb's mean distances from its plans, as read, by method."""
+    # Collect the mean error of each motion by method.
     errors = collections.defaultdict(list)
     aborted = 0
     for motion, ways in summary.ways.items():
@@ -152,6 +154,7 @@ def _save(experiment: Experiment, folder: Path) -> None:
     experiment.calibration.parameters.save(folder / "limb.yaml")
     data = {"calibrated limb": folder / "limb.yaml", **{path.stem: path for path in recordings}}
     write_calibration_report(experiment.calibration, folder / "calibration.html", data)
+    # Save the plans and rollouts of each motion.
     for motion, ways in experiment.ways.items():
         motion_folder = folder / motion.replace("&", "_and_").replace(" ", "_").lower()
         if motion in experiment.taught:

@@ -78,6 +78,7 @@ def _status(options: argparse.Namespace) -> int:
             raise LimbError("--clear needs the PORT of a board.")
         print_summary(options, _serial_ports())
         return 0
+    # Print the state of the board.
     limb = LimbParameters.of(options.limb)
     with BoardLink(options.port, limb) as link:
         info = link.info()
@@ -231,8 +232,10 @@ def _board_check(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    # Check the files before the run.
     outputs = checked_outputs(options, options.trajectory)
     trajectory = Trajectory.load(options.trajectory)
+    # Drive the limb.
     with live_page(options) as live:
         if live:
             live.say(f"Replay of {options.trajectory}, controller {options.controller}")

@@ -72,6 +72,7 @@ class Rollout:
             if value is not None:
                 texts.append(f"{name} {value:.0f} °C")
         heat = f"read at most: {', '.join(texts)}" if texts else "not measured"
+        # Begin with the distances from the reference.
         return distances_summary(self.distances) + Summary(
             [
                 self._tracking(),
