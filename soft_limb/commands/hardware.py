@@ -430,12 +430,21 @@ def _emulate(options: argparse.Namespace) -> int:
     return 0
 
 
-CUT_OFF = Option(
-    "--cut-off",
-    action=argparse.BooleanOptionalAction,
-    help="confirm that a thermal cut-off is on the limb, in series with its wires; without a "
-    "cut-off no wire is heated",
-)
+SUPPLY_OPTIONS = [
+    Option(
+        "--supply",
+        type=float,
+        metavar="VOLTS",
+        help="measured voltage of the wires' supply; it must match supply_voltage in the limb's "
+        "file, if that is set; without a voltage no wire is heated",
+    ),
+    Option(
+        "--cut-off",
+        action=argparse.BooleanOptionalAction,
+        help="confirm that a thermal cut-off is on the limb, in series with its wires; without a "
+        "cut-off no wire is heated",
+    ),
+]
 COMMANDS = {
     "status": Command(
         _status,
@@ -457,16 +466,7 @@ COMMANDS = {
         "voltage of the supply, and whether there is a thermal cut-off. Without an answer it opens "
         "no port and heats nothing.",
         "board limb json",
-        [
-            Option(
-                "--supply",
-                type=float,
-                metavar="VOLTS",
-                help="measured voltage of the wires' supply; it must match supply_voltage in the "
-                "limb's file, if that is set; without a voltage no wire is heated",
-            ),
-            CUT_OFF,
-        ],
+        SUPPLY_OPTIONS,
         examples=["soft-limb arm-check /dev/ttyACM0 -l limb.yaml --supply 7.0 --cut-off"],
     ),
     "board-check": Command(
@@ -479,16 +479,7 @@ COMMANDS = {
         "First the command asks for voltage and cut-off, as arm-check does. Enter 0 V for a supply "
         "that heats no wire: it is off, or there are lamps in place of the wires.",
         "board limb json",
-        [
-            Option(
-                "--supply",
-                type=float,
-                metavar="VOLTS",
-                help="measured voltage of the wires' supply, as for arm-check; 0 if no wire can "
-                "get hot",
-            ),
-            CUT_OFF,
-        ],
+        SUPPLY_OPTIONS,
         examples=[
             "soft-limb board-check /dev/ttyACM0 --supply 0",
             "soft-limb board-check /dev/ttyACM0 --supply 7.0 --cut-off",
