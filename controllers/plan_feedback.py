@@ -189,7 +189,8 @@ def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
 
     The bend at the beginning of a period counts at its end, and so not in the last one.
     """
-    W, F = model.num_wires, model.num_bends
+    W = model.num_wires
+    F = model.num_bends
     N = model.size - W
     _, by_heat, by_duty = model.linearized_step(plan.heat, plan.duty)
     slopes = model.bend_slopes(plan.heat)[1]

@@ -229,7 +229,7 @@ def _check_heat(
     """
     # Short, cool heatings measure heat no better than wires of one kind differ. The numbers are
     # rounded as they are printed, so that no verdict disagrees with its sentence.
-    least_share, most_share = RATE_FACTORS["least_heating"], RATE_FACTORS["most_heating"]
+    least_share, most_share = SAME_HEAT_RANGE
     lowest = [round(bound * least_share**2 / most_share, 1) for bound in most_heating]
     highest = [round(bound / least_share, 1) for bound in most_heating]
     heating = [round(float(rate), 1) for rate in heating]
