@@ -12,7 +12,7 @@ that it bears, the duty goes on. The fault is there from the beginning, or comes
 while the wire is hot. Half of the runs are with three times the noise of the
 emulated thermocouples. The board has the bounds of the described kind, or those
 fitted to a warm-up with the good thermocouple; limbs are emulated ones, or of
-another physics, those of other_limbs.py. With more than two wires they bend about two axes.
+another physics, of other_limbs.py. With more than two wires they bend about two axes.
 """
 
 import argparse
@@ -39,7 +39,7 @@ from soft_limb.runs.jobs import run_each
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
 DUTIES = (0.1, 0.3, 0.5, 1.0)
-NOISES = (1, 3)  # times that of the emulated thermocouples
+NOISES = (1, 3)  # times the noise of the emulated thermocouples
 HOTTEST = 130.0  # °C, true, that no wire should pass
 WARM_TIME = 10.0  # s of the duty before a fault comes
 LONGEST = 30.0  # s with the fault; by then the most that a wire can have was reached
@@ -77,7 +77,7 @@ WITHOUT_DUTY = ("thermocouple open", "bend sensor frozen", "clock stands still")
 
 
 def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
-    """Fault, when, duty, noise and limb of each run, of faults whose name contains the part."""
+    """Return fault, when, duty, noise and limb of each run, of faults by a part of their name."""
     jobs = []
     for fault, when in itertools.product(FAULTS, (FROM_BEGINNING, WHEN_HOT)):
         if part not in fault or (when == WHEN_HOT and not FAULTS[fault]):
@@ -89,7 +89,7 @@ def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
 
 
 def prepare(board: SimulatedBoard, noise: int) -> None:
-    """Adds noise to the thermocouples, and waits until the board can be armed."""
+    """Add noise to the thermocouples, and waits until the board can be armed."""
     for name in board.parameters.wire_names:
         extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
         board.emulation.inject_fault(f"jitter {name} {extra}")
@@ -98,14 +98,14 @@ def prepare(board: SimulatedBoard, noise: int) -> None:
 
 @functools.cache
 def with_fitted_bounds(make: Callable[..., LimbSystem], seed: int) -> LimbParameters:
-    """A limb's parameters with the bounds that its warm-up shows."""
+    """Return a limb's parameters with the bounds that its warm-up shows."""
     limb = make(seed=seed)
     set_bounds(limb.parameters, [collect_warm_up(limb)], WARM_UP_MARGIN)
     return limb.parameters
 
 
 def set_bounds(limb: LimbParameters, recordings: list[Recording], margin: float) -> None:
-    """Gives wires the bounds that recordings show."""
+    """Give wires the bounds that recordings show."""
     for wire, bounds in zip(limb.wires, fit_heat_bounds(recordings, limb, margin), strict=True):
         wire.heat_bounds = bounds
 
@@ -113,7 +113,7 @@ def set_bounds(limb: LimbParameters, recordings: list[Recording], margin: float)
 def run_fault(
     job: tuple[str, str, float, int, int], fitted: bool = False, other: bool = False, wires: int = 2
 ) -> dict:
-    """One run; what became of it."""
+    """Run a fault once, and return its result."""
     fault, when, duty, noise, seed = job
     random.seed(repr(job))
     wire = seed % wires

@@ -96,7 +96,7 @@ class Problem:
 
 
 def run(problem: dict, time_limit: float, **options) -> dict:
-    """Builds a `Solver` with these options and solves twice.
+    """Build a `Solver` with these options and solve twice.
 
     Args:
         problem: the fields of `Problem`.
@@ -118,7 +118,7 @@ def run(problem: dict, time_limit: float, **options) -> dict:
 
 
 def link_masses(problem: Problem) -> np.ndarray:
-    """C (n, n), kg·m², of the mass matrix C_ij cos(φi - φj) in link angles φ.
+    """Return C (n, n), kg·m², of the mass matrix C_ij cos(φi - φj) in link angles φ.
 
     The centre of link i is at Σ_j G_ij e(φj), with e a unit vector.
     """
@@ -129,7 +129,7 @@ def link_masses(problem: Problem) -> np.ndarray:
 
 
 def inverse_dynamics(problem: Problem, angles: ca.SX, rates: ca.SX, accelerations: ca.SX) -> ca.SX:
-    """Joint torques (n, 1), N·m, that go with θ, θ̇ and θ̈, each (n, 1): eqn (1)."""
+    """Return the joint torques (n, 1), N·m, of θ, θ̇ and θ̈, each (n, 1): eqn (1)."""
     C, n = link_masses(problem), problem.links
     phi, phi_dot, phi_ddot = (ca.cumsum(x) for x in (angles, rates, accelerations))
     on_links = [
@@ -180,7 +180,7 @@ class PointFunctions:
         if order > 1:
             if form == "implicit":
                 hessian = ca.hessian(ca.dot(multipliers, value), y)[0]
-            else:  # that of μᵀa is that of -wᵀR along (y, a(y)), with R_aᵀ w = μ
+            else:  # the Hessian of μᵀa equals that one of -wᵀR along (y, a(y)), R_aᵀ w = μ
                 w = ca.SX.sym("w", n)
                 curvature = ca.substitute(
                     ca.hessian(ca.dot(w, residual), ca.vertcat(y, a))[0],
@@ -205,8 +205,7 @@ class Solver:
     Args:
         problem: fixes the limb and the times of the knots.
         form: see the module's docstring.
-        hessian: of the Lagrangian, "exact", or that of the cost alone,
-            "gauss-newton".
+        hessian: "exact", of the Lagrangian, or "gauss-newton", of the cost alone.
         time_limit: s, for one solution.
     """
 
@@ -269,7 +268,7 @@ class Solver:
         self._solver = ca.nlpsol("solver", "ipopt", program, options)
 
     def solve(self, problem: Problem) -> dict:
-        """Solves from the problem's guess; returns what `run` says."""
+        """Solve from the problem's guess; return results as `run` does."""
         started = time.perf_counter()
         lower, upper = self._bounds(problem)
         result = self._solver(
@@ -296,7 +295,7 @@ class Solver:
         }
 
     def _guess(self, problem: Problem) -> np.ndarray:
-        """Scaled z of the guess (nz, N)."""
+        """Return scaled z of the guess (nz, N)."""
         excess = problem.guess_states - _ambient_state(problem)
         z = np.vstack([excess, problem.guess_duty])
         if self._form == "implicit":
@@ -305,13 +304,13 @@ class Solver:
         return z / self._scale
 
     def _target(self, problem: Problem) -> np.ndarray:
-        """Scaled z that would cost nothing (nz, N)."""
+        """Return scaled z that would cost nothing (nz, N)."""
         z = np.zeros((len(self._scale), len(problem.times)))
         z[: problem.links] = problem.angles_ref
         return z / self._scale
 
     def _weights(self, problem: Problem) -> np.ndarray:
-        """Weights of the squares of scaled z (nz, N), eqn (15)."""
+        """Return weights of the squares of scaled z (nz, N), eqn (15)."""
         n = problem.links
         weights = np.zeros((len(self._scale), len(problem.times)))
         weights[:n] = problem.angle_weight
@@ -320,7 +319,7 @@ class Solver:
         return weights * self._scale**2
 
     def _bounds(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds on scaled z (nz, N), eqns (16) and (18)-(20)."""
+        """Return bounds on scaled z (nz, N), eqns (16) and (18)-(20)."""
         n = problem.links
         lower = np.full((len(self._scale), len(problem.times)), -np.inf)
         upper = -lower
@@ -334,9 +333,9 @@ class Solver:
 
 
 def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM, ca.DM, ca.DM]:
-    """A, B and P of the module's docstring, sparse, for z in units of `scale` (nz,).
+    """Return A, B and P of the module's docstring, sparse, for z in units of `scale` (nz,).
 
-    Rows of g are scaled to the size of the states: those of temperature and,
+    Rows of g are scaled to the size of the states: rows of temperature and,
     in the implicit form, of angle by the time step and the size of a change;
     accelerations by K⁻¹ M(0), to the static deflections that they stand for.
     """
@@ -406,5 +405,5 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
 
 
 def _ambient_state(problem: Problem) -> np.ndarray:
-    """[θ, θ̇, T, V] at rest, straight and cold (2n + 4, 1)."""
+    """Return [θ, θ̇, T, V] at rest, straight and cold (2n + 4, 1)."""
     return np.repeat([0.0, problem.ambient], [2 * problem.links, 4])[:, None]

@@ -1,4 +1,4 @@
-"""How long one step of a controller takes, for a limb with wires that remember.
+"""The time of one step of each controller, for a limb with wires that remember.
 
 Each controller gets the readings of an emulated limb that follows Fig. 5 by it, one
 step after the other, and nothing else is timed: estimate, feedback, and bounds of duty; every
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def steps(controller, recording) -> list[float]:
-    """s, that each step takes which a recording's readings are given to."""
+    """Return the time of each step of a controller that gets a recording's readings, s."""
     simulator = Simulator(controller)
     context, times = simulator.get_mutable_context(), []
     names = ("measured_temperature", "bend_angle", "duty")

@@ -30,7 +30,7 @@ from hardware.firmware.firmware import Firmware  # noqa: E402
 
 
 def valid_frame(rng: random.Random) -> bytes:
-    """A frame as either side sends it, of another session."""
+    """Return a frame as either side sends it, of another session."""
     kind = rng.choice((protocol.COMMAND, protocol.ARM, protocol.BOUNDS, *protocol.BOARD_KINDS[1:]))
     begin, each = protocol.LAYOUTS[kind]
     size = struct.calcsize("<" + begin) + 2 * struct.calcsize("<" + each)
@@ -38,7 +38,7 @@ def valid_frame(rng: random.Random) -> bytes:
 
 
 def mutate(frame: bytes, rng: random.Random) -> bytes:
-    """The frame after something happened to its bytes; never the frame itself."""
+    """Return the frame with a random change of its bytes; never the frame itself."""
     data = bytearray(frame)
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(len(data)) if data else 0
@@ -59,7 +59,7 @@ def mutate(frame: bytes, rng: random.Random) -> bytes:
 
 
 def fuzz(num_frames: int, seed: int) -> dict[str, int]:
-    """Counts of what happened; raises AssertionError if a duty changed."""
+    """Return counts of the results; raise AssertionError if a duty changed."""
     rng = random.Random(seed)
     host_parser = protocol.Parser(protocol.BOARD_KINDS)
     board_parser = protocol.Parser(protocol.KINDS)
@@ -88,7 +88,7 @@ def fuzz(num_frames: int, seed: int) -> dict[str, int]:
 
 
 def check_guard(subject: guard.Guard, now: int) -> None:
-    """Raises AssertionError if there is duty that should not be, after a tick at that time."""
+    """Raise AssertionError if there is duty that should not be, after a tick at that time."""
     assert all(0.0 <= duty <= 1.0 for duty in subject.duty)
     assert sum(subject.duty) <= subject._total + 1e-9, "more than the power of both"
     if any(subject.duty):
@@ -111,7 +111,7 @@ def check_guard(subject: guard.Guard, now: int) -> None:
 
 
 def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> dict[str, int]:
-    """Counts of frames and of steps with duty; raises AssertionError if there was too much."""
+    """Return counts of frames and steps with duty; raise AssertionError if there was too much."""
     rng = random.Random(seed)
     host = Host(paper)
     board, program, wires = host.board, host.firmware, len(host.board.wires)

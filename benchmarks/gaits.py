@@ -1,8 +1,8 @@
-"""How fast robots walk, and how fast their gaits are planned.
+"""The speed of robots, and the time to plan their gaits.
 
 The robots are crawlers of two limbs, but for the table ``lifting``:
 
-- ``pairs``: two limbs at each end of the body, the crawler's, in the order around it; those of a
+- ``pairs``: two limbs at each end of the body, the crawler's, in the order around it; limbs of a
   diagonal are lifted together, so that the body always stands on a rear and a front foot.
 - ``row``: three limbs in a row, each of two segments that can bend opposite ways; each is lifted
   by itself. The program takes minutes, and often finds no gait.
@@ -41,7 +41,7 @@ HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | si
 
 
 def violation(gait: Gait) -> float:
-    """The largest violation of what a gait has to hold, scaled."""
+    """Return the largest violation of what a gait has to hold, scaled."""
     planar, wires = Walker(gait.robot), LimbModel.of(gait.parameters).wires
     mu = gait.robot.ground.friction
     load = np.linalg.norm(planar.weight)
@@ -72,7 +72,7 @@ def violation(gait: Gait) -> float:
 
 
 def row(case: str, robot: RobotParameters, simulate: bool, **request) -> Gait | None:
-    """Prints a row of a table; the gait, or None if there is none."""
+    """Print a row of a table; return the gait, or None if there is none."""
     try:
         gait = plan_gait(robot, check=simulate, spread=False, **request)
     except LimbError as error:
@@ -89,14 +89,14 @@ def row(case: str, robot: RobotParameters, simulate: bool, **request) -> Gait | 
 
 
 def crawler(friction: float = 0.3, slope_deg: float = 0.0) -> RobotParameters:
-    """The crawler on a ground."""
+    """Return the crawler on a ground."""
     robot = RobotParameters()
     robot.ground.friction, robot.ground.slope = friction, float(np.deg2rad(slope_deg))
     return robot
 
 
 def random_walker(seed: int, alike: bool = True) -> RobotParameters:
-    """A walker whose limbs differ in k, β, a1 and a2, and, unless alike, in length and place."""
+    """Return a walker whose limbs differ in k, β, a1, a2 and, unless alike, in length and place."""
     rng = np.random.default_rng(seed)
     robot = crawler(rng.uniform(0.3, 0.8))
     robot.body.mass = rng.uniform(0.010, 0.030)
@@ -151,7 +151,7 @@ def slope(simulate: bool) -> None:
 
 
 def pairs() -> RobotParameters:
-    """Four of the crawler's limbs on its body."""
+    """Return four of the crawler's limbs on its body."""
     corners = {
         "rear_left": [-0.03, 0.02, 0.0],
         "front_left": [0.03, 0.02, 0.0],
@@ -167,7 +167,7 @@ def pairs() -> RobotParameters:
 
 
 def three_in_a_row() -> RobotParameters:
-    """Three limbs of 10 g, as stiff as the crawler's, of two segments of 5 cm each."""
+    """Return three limbs of 10 g, as stiff as the crawler's, of two segments of 5 cm each."""
     limbs = []
     for name, x in (("rear", -0.06), ("middle", 0.0), ("front", 0.06)):
         segments = [SegmentParameters(length=0.05, mass=0.005, stiffness=0.25) for _ in range(2)]
@@ -196,7 +196,7 @@ def lifting(simulate: bool) -> None:
 
 
 def three() -> RobotParameters:
-    """The crawler with a third limb in the middle of a longer body."""
+    """Return the crawler with a third limb in the middle of a longer body."""
     robot = RobotParameters()
     robot.limbs = [
         RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())

@@ -10,7 +10,7 @@ from lab_logs import SIDES, Log, Truth, drive, tags
 
 @dataclasses.dataclass(frozen=True)
 class Style:
-    """How somebody writes a table.
+    """The columns, units and faults of somebody's table.
 
     - ``columns``: "NAME: ROLE | ...", where a role is one of
 
@@ -284,7 +284,7 @@ def _moment(t: float) -> datetime:
 
 
 def table(style: Style, seed: int = 0) -> Log:
-    """A log in somebody's style, of a limb that a seed draws."""
+    """Return a log in somebody's style, of a limb that a seed draws."""
     draw = np.random.default_rng([3, seed, sum(map(ord, style.name))])
     columns = [column.partition(":") for column in style.columns.split(" | ")]
     names, roles = [c[0].strip() for c in columns], [c[2].split() for c in columns]

@@ -25,8 +25,8 @@ from limb_systems.limb_parameters import EmulatedLimb
 
 OTHER = "other"
 STEP = 0.005  # s, of the limb's own integration
-SEED = 900_000  # of the first limb, far from those of `LimbTwin`
-GRIP = 30.0  # stiffness of a hand over that of the limb
+SEED = 900_000  # of the first limb, far from seeds of `LimbTwin`
+GRIP = 30.0  # stiffness of a hand over the limb's
 
 
 class OtherLimb(Diagram):
@@ -101,7 +101,7 @@ class OtherLimb(Diagram):
         payload: float | None = None,
         **options,
     ):
-        """The same limb in its present state, or after a pause, s, without heat; see `LimbTwin`.
+        """Return the same limb now, or after a pause, s, without heat; see `LimbTwin`.
 
         Gravity and payload do not bend it.
         """
@@ -110,16 +110,16 @@ class OtherLimb(Diagram):
         return OtherLimb(specimen=self.specimen, **options)
 
     def without_cut_out(self, context) -> None:
-        """Does nothing: it has none."""
+        """Do nothing: this limb has no cut-out."""
 
 
 def limb_of(physics: str, seed: int) -> LimbTwin | OtherLimb:
-    """An emulated limb of a physics, `OTHER` among them."""
+    """Return an emulated limb of a physics, `OTHER` among them."""
     return OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
 
 
 def draw(seed: int) -> types.SimpleNamespace:
-    """A particular limb, cold and at rest."""
+    """Return a particular limb, cold and at rest."""
     uniform = np.random.default_rng([7, seed]).uniform
     specimen = types.SimpleNamespace(
         seed=seed,
@@ -153,7 +153,7 @@ def _draw_wire(uniform) -> types.SimpleNamespace:
         heating=uniform(16.0, 25.0),  # °C/s at full duty, as martensite
         resistance_drop=uniform(0.1, 0.2),  # share of the resistance that austenite lacks
         cooling=1 / uniform(10.0, 18.0),  # 1/s, of a wire 50 °C warmer than its silicone
-        inner_share=uniform(0.06, 0.12),  # heat capacity over that of the inner silicone
+        inner_share=uniform(0.06, 0.12),  # heat capacity over the inner silicone's
         outer_share=uniform(0.3, 0.6),  # inner over outer silicone
         inner_time=uniform(15.0, 30.0),  # s, from inner to outer silicone
         outer_time=uniform(80.0, 160.0),  # s, from outer silicone to the room
@@ -169,7 +169,7 @@ def _draw_wire(uniform) -> types.SimpleNamespace:
 
 
 class _Body(LeafSystem):
-    """Wires and beam; ports as of `OtherLimb`, without sensors."""
+    """Wires and beam, with the ports of `OtherLimb` and without sensors."""
 
     __slots__ = ()
 
@@ -230,7 +230,7 @@ class _Body(LeafSystem):
 def _heat(
     wire: types.SimpleNamespace, state: list[float], duty: float, bend: float, room: float
 ) -> float:
-    """Advances a wire by a step; the bend that its pull would hold, rad."""
+    """Advance a wire by a step, and return the bend that its pull would hold, rad."""
     T, inner, outer, first, second, xi, turned, rising = state
     austenite = 1 - xi
     pull = austenite * (1 - wire.relief * bend)
@@ -264,7 +264,7 @@ def _heat(
 def _bend(
     specimen: types.SimpleNamespace, beam: list[float], pull: float, wanted: float | None
 ) -> None:
-    """Advances the bending mode by a step."""
+    """Advance the bending mode by a step."""
     angle, rate, dashpot = beam
     omega = 2 * math.pi * specimen.frequency
     away = angle - specimen.rest

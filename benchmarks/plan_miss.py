@@ -1,4 +1,4 @@
-"""Whether plans miss by what a calibration says, on emulated limbs of three physics.
+"""The share of plans that miss by what a calibration says, on emulated limbs of three physics.
 
 Each limb is recorded by `excitations`, and calibrated from all recordings ("all") and from its
 pulses alone ("pulses"). Three motions are planned with each calibration, and driven in open loop:
@@ -40,7 +40,7 @@ OTHER_DAY = {"ambient": 3.0, "supply": 1.03}
 
 
 def take(limb: tuple[str, int]) -> list[dict]:
-    """What is said of each plan of a limb, and what it missed by, degrees."""
+    """Return the expected and the actual miss of each plan of a limb, degrees."""
     physics, seed = limb
     twin = limb_of(physics, seed)
     kinds = collect_from_twin(twin, seed=seed, sag_trials=0, ring_downs=1, protocol="excitation")

@@ -1,4 +1,4 @@
-"""Does every plan come out? Random problems, solved and checked one by one.
+"""Random problems, solved and checked one by one: the share that is solved.
 
 Limbs of 1 to 10 links with heat parameters within a factor of two of the
 nominal ones; 61 to 601 knots over 30 to 120 s; steps up to 170°, decaying
@@ -68,7 +68,7 @@ FACTOR, CHANGE = 1.4, 5.0
 
 
 def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generator) -> WireLaw:
-    """A law near its defaults, or like that of wires in published recordings."""
+    """Return a law near its defaults, or near laws of wires in published recordings."""
     law = kind()
     for name, value in vars(law).items():
         if recorded and name in RECORDED:
@@ -88,7 +88,7 @@ def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generat
 
 
 def random_problem(seed: int, law: str = "linear"):
-    """A limb, knots (N,), s, a reference and what kind it is."""
+    """Return a limb, knots (N,), s, a reference and what kind it is."""
     generator = np.random.default_rng(seed)
     links = int(generator.integers(1, 11))
     segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
@@ -119,7 +119,7 @@ def random_problem(seed: int, law: str = "linear"):
 
 
 def solve(seed: int, law: str = "linear") -> dict:
-    """What came of a problem: iterations, who solved it, its check."""
+    """Solve a problem, and return iterations, solver and check."""
     parameters, times, reference, kind = random_problem(seed, law)
     problem = {
         "seed": seed,

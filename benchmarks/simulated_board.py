@@ -54,7 +54,7 @@ class SimulatedBoard:
 
     @property
     def now(self) -> float:
-        """s, since it was switched on."""
+        """The time since it was switched on, s."""
         return self.milliseconds / 1000
 
     @property
@@ -84,24 +84,24 @@ class SimulatedBoard:
     # The host's.
 
     def send(self, *frame: Any) -> None:
-        """Sends a frame: its kind and its values."""
+        """Send a frame of a kind with values."""
         self._to_board += protocol.encode(*frame)
 
     def command(self, duty: Sequence[float]) -> None:
-        """Sends a duty (W), in answer to the newest sample."""
+        """Send a duty (W), in answer to the newest sample."""
         self._sequence += 1
         sample_time = round(1000 * self.newest.board_time)
         frame = from_host.encode_command(self._session, self._sequence, sample_time, duty)
         self._to_board += 2 * frame  # as `BoardLink` does
 
     def use(self, parameters: LimbParameters) -> None:
-        """Arms the board with other parameters from now on."""
+        """Arm the board with other parameters from now on."""
         self.parameters = parameters
         self._bounds = [dataclasses.astuple(bounds) for bounds in parameters.heat_bounds]
         self._total, self._pulls = parameters.total_duty, pulls_of(parameters)
 
     def arm(self) -> bool:
-        """Arms the board; whether it let itself be armed."""
+        """Arm the board; return whether it let itself be armed."""
         self._session, self._sequence = self.newest.challenge, 0
         arming = self._session, self._bounds, self._total, self._pulls
         self._to_board += b"".join(from_host.encode_arming(*arming))
@@ -109,12 +109,12 @@ class SimulatedBoard:
         return self.newest.armed
 
     def clear(self) -> None:
-        """Clears a latched fault."""
+        """Clear a latched fault."""
         self.send(protocol.CLEAR, self.newest.challenge)
         self.run(0.06)
 
     def run(self, seconds: float, duty: Sequence[float] | None = None) -> None:
-        """Runs on, and commands a duty (W) every 50 ms if there is one."""
+        """Run on, and command a duty (W) every 50 ms if there is one."""
         end = self.milliseconds + round(1000 * seconds)
         while self.milliseconds < end:
             self.milliseconds += self._step
@@ -124,12 +124,12 @@ class SimulatedBoard:
 
     @property
     def duty(self) -> tuple[float, ...]:
-        """At the pins."""
+        """The duty at the pins (W)."""
         return self.duties[-1][1:]
 
     @property
     def reason(self) -> int:
-        """For which the board says it is off."""
+        """The board's reason for being off."""
         return self.newest.reason
 
     @property
@@ -139,7 +139,7 @@ class SimulatedBoard:
 
 
 class SimulatedLink:
-    """What `check_wires` needs of a `BoardLink`, at a `SimulatedBoard`."""
+    """The part of a `BoardLink` that `check_wires` needs, at a `SimulatedBoard`."""
 
     port = "simulated"
 

@@ -1,4 +1,4 @@
-"""How fast and how well limbs that bend in space are planned, in processor time.
+"""The processor time and accuracy of plans for limbs that bend in space.
 
 1. Whole plans of 60 s with 601 knots, for the paper's law: each in a process of its own, without
    its start, and the check's simulation apart. These plans are quasi-static: the limb is where it
@@ -50,7 +50,7 @@ CASES = {  # links, segments, gravity, payload
 
 
 def plan_case(name: str) -> str:
-    """A row of the table: circles of 15°, or 10° of each of several segments, in 46 s a turn."""
+    """Return a row of the table: circles of 15°, or of 10° of each of several segments, in 46 s."""
     links, segments, gravity, payload = CASES[name]
     limb = LimbParameters.in_space(links=links)
     limb.segments = [copy.deepcopy(limb.segments[0]) for _ in range(segments)]
@@ -75,7 +75,7 @@ def plan_case(name: str) -> str:
 
 
 def random_problem(generator: np.random.Generator):
-    """A limb, and a reference."""
+    """Return a limb, and a reference."""
     limb = LimbParameters.in_space(int(generator.integers(3, 5)), int(generator.integers(3, 9)))
     segment = limb.segments[0]
     segment.twists, segment.centred_joints = map(bool, generator.integers(0, 2, 2))
@@ -100,7 +100,7 @@ def random_problem(generator: np.random.Generator):
 
 
 def solve_random(seed: tuple[int, int]) -> tuple[str, str, float, float]:
-    """Outcome and law in words, processor time, s, and distance from the simulation, rad."""
+    """Return outcome and law in words, processor time, s, and distance from the simulation, rad."""
     limb, reference = random_problem(np.random.default_rng(seed))
     law, started, apart = type(limb.wires[0].law).__name__, time.process_time(), np.nan
     try:
