@@ -134,10 +134,10 @@ def roll_out_disturbed(
     else:
         controller = PlanFeedback(trajectory, parameters=LimbParameters())
     driven[FEEDBACK] = trajectory, controller
-    return {
-        way: PlanWithRollouts(plan, [_run(copy.deepcopy(limb), plan, system)])
-        for way, (plan, system) in driven.items()
-    }
+    rollouts = {}
+    for way, (plan, system) in driven.items():
+        rollouts[way] = PlanWithRollouts(plan, [_run(copy.deepcopy(limb), plan, system)])
+    return rollouts
 
 
 def _run(limb: Specimen, trajectory: Trajectory, controller) -> Recording:
