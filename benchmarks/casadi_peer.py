@@ -123,14 +123,16 @@ def link_masses(problem: Problem) -> np.ndarray:
     The centre of link i is at Σ_j G_ij e(φj), with e a unit vector.
     """
     n = problem.links
-    link, mass = problem.length / n, problem.mass / n
+    link = problem.length / n
+    mass = problem.mass / n
     G = link * (np.tri(n, k=-1) + np.eye(n) / 2)
     return mass * (G.T @ G + (link**2 + problem.thickness**2) / 12 * np.eye(n))
 
 
 def inverse_dynamics(problem: Problem, angles: ca.SX, rates: ca.SX, accelerations: ca.SX) -> ca.SX:
     """Return the joint torques (n, 1), N·m, of θ, θ̇ and θ̈, each (n, 1): eqn (1)."""
-    C, n = link_masses(problem), problem.links
+    C = link_masses(problem)
+    n = problem.links
     phi, phi_dot, phi_ddot = (ca.cumsum(x) for x in (angles, rates, accelerations))
     on_links = [
         sum(
@@ -161,11 +163,13 @@ class PointFunctions:
 
     def __init__(self, problem: Problem, form: Form, order: int):
         n = problem.links
-        y, a = ca.SX.sym("y", 2 * n + 1), ca.SX.sym("a", n)
+        y = ca.SX.sym("y", 2 * n + 1)
+        a = ca.SX.sym("a", n)
         multipliers = ca.SX.sym("mu", n)
         residual = inverse_dynamics(problem, y[:n], y[n : 2 * n], a) - y[2 * n]
         if form == "implicit":
-            y, value = ca.vertcat(y, a), residual / problem.stiffness
+            y = ca.vertcat(y, a)
+            value = residual / problem.stiffness
         else:
             factors = ca.ldl(ca.jacobian(residual, a), False)
             value = ca.ldl_solve(-ca.substitute(residual, a, ca.SX.zeros(n)), *factors)
@@ -217,18 +221,22 @@ class Solver:
         time_limit: float = 120.0,
     ):
         self._form = form
-        n, num_points = problem.links, 2 * len(problem.times) - 1
+        n = problem.links
+        num_points = 2 * len(problem.times) - 1
         sizes = [n, n, 2, 2, 2, n if form == "implicit" else 0]
         scales = [ANGLE_SCALE, RATE_SCALE, TEMPERATURE_SCALE, TEMPERATURE_SCALE, 1.0]
         self._scale = np.repeat([*scales, ACCELERATION_SCALE], sizes)[:, None]
         point = PointFunctions(problem, form, 2 if hessian == "exact" else 1)
 
-        guess, target, weights = self._guess(problem), self._target(problem), self._weights(problem)
+        guess = self._guess(problem)
+        target = self._target(problem)
+        weights = self._weights(problem)
         self._cost_scale = min(1.0, 100.0 / (0.5 * np.sum(weights * (guess - target) ** 2)))
         Q = ca.diag(ca.sparsify(ca.DM(self._cost_scale * weights.ravel("F"))))
         A, B, P = collocation(problem, form, self._scale[:, 0])
 
-        x, target = ca.MX.sym("x", guess.size), ca.MX.sym("target", guess.size)
+        x = ca.MX.sym("x", guess.size)
+        target = ca.MX.sym("target", guess.size)
         cost_gradient = ca.densify(ca.mtimes(Q, x - target))
         cost = ca.dot(x - target, cost_gradient) / 2
         arguments = ca.reshape(ca.mtimes(P, x), -1, num_points)
@@ -237,7 +245,8 @@ class Solver:
 
         options = {"ipopt": {**IPOPT_OPTIONS, "max_wall_time": time_limit}, "print_time": False}
         options |= {"no_nlp_grad": True, "calc_lam_p": False}
-        cost_factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", constraints.numel())
+        cost_factor = ca.MX.sym("lam_f")
+        multipliers = ca.MX.sym("lam_g", constraints.numel())
         lagrangian_hessian = cost_factor * ca.MX(Q)
         by_arguments = ca.MX(
             ca.diagcat(*[point.jacobian_sparsity] * num_points),
@@ -323,10 +332,12 @@ class Solver:
         n = problem.links
         lower = np.full((len(self._scale), len(problem.times)), -np.inf)
         upper = -lower
-        wire, duty = slice(2 * n, 2 * n + 2), slice(2 * n + 4, 2 * n + 6)
+        wire = slice(2 * n, 2 * n + 2)
+        duty = slice(2 * n + 4, 2 * n + 6)
         upper[wire] = problem.maximum - problem.ambient
         lower[wire, problem.times > problem.warm_up_time] = problem.warm - problem.ambient
-        lower[duty], upper[duty] = 0.0, 1.0
+        lower[duty] = 0.0
+        upper[duty] = 1.0
         start = problem.initial_state - _ambient_state(problem)[:, 0]
         lower[: 2 * n + 4, 0] = upper[: 2 * n + 4, 0] = start
         return lower / self._scale, upper / self._scale
@@ -339,11 +350,15 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
     in the implicit form, of angle by the time step and the size of a change;
     accelerations by K⁻¹ M(0), to the static deflections that they stand for.
     """
-    n, num_knots, num_variables = problem.links, len(problem.times), len(scale)
+    n = problem.links
+    num_knots = len(problem.times)
+    num_variables = len(scale)
     h = problem.times[1] - problem.times[0]
     pick = np.split(np.diag(scale), np.cumsum([n, n, 2, 2, 2]))
     theta, rate, wire, measured, duty, acceleration = pick
-    a1, a2, a3 = np.diag(problem.a1), np.diag(problem.a2), np.diag(problem.a3)
+    a1 = np.diag(problem.a1)
+    a2 = np.diag(problem.a2)
+    a3 = np.diag(problem.a3)
     wire_rate = a1 @ wire + a2 @ duty
     measured_rate = a3 @ (measured - wire)
     torque = np.array([[-problem.beta[0], problem.beta[1]]])
@@ -356,7 +371,8 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
         return np.hstack([-1.5 / h * x - x_rate / 4, 1.5 / h * x - x_rate / 4])
 
     no_duty_rate = np.zeros_like(duty)
-    mid_wire, mid_measured = middle(wire, wire_rate), middle(measured, measured_rate)
+    mid_wire = middle(wire, wire_rate)
+    mid_measured = middle(measured, measured_rate)
     wire_rows = middle_rate(wire, wire_rate) - a1 @ mid_wire - a2 @ middle(duty, no_duty_rate)
     measured_rows = middle_rate(measured, measured_rate) - a3 @ (mid_measured - mid_wire)
     heat_rows = h / TEMPERATURE_SCALE * np.vstack([wire_rows, measured_rows])
@@ -364,7 +380,8 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
     at_knot = [theta, rate, torque @ wire]
     at_middle = [middle(theta, rate), middle_rate(theta, rate), torque @ mid_wire]
 
-    left, right = ca.DM.eye(num_knots)[:-1, :], ca.DM.eye(num_knots)[1:, :]
+    left = ca.DM.eye(num_knots)[:-1, :]
+    right = ca.DM.eye(num_knots)[1:, :]
 
     def for_intervals(matrix):
         halves = ca.DM(matrix[:, :num_variables]), ca.DM(matrix[:, num_variables:])

@@ -97,7 +97,8 @@ def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMappi
 
     In a mirror sides are exchanged and the bend's sign is turned, which is as right.
     """
-    fixed, wrong = copy.deepcopy(mapping), []
+    fixed = copy.deepcopy(mapping)
+    wrong = []
 
     def put(owner: object, name: str, value: str | float) -> None:
         given = getattr(owner, name)
@@ -125,7 +126,8 @@ def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMappi
     if column:  # else of tags
         put(fixed.bend, "column", column)
         if not fixed.bend.scale and measures != fixed.bend.measures:  # a scale may be of either
-            scale, measures = scale / 2, fixed.bend.measures
+            scale = scale / 2
+            measures = fixed.bend.measures
         put(fixed.bend, "scale", -scale if mirror else scale)
         put(fixed.bend, "measures", measures)
         if abs((fixed.bend.zero - zero) * scale) > OFFSET:
@@ -178,7 +180,8 @@ def through_the_door(log: Log, folder: Path) -> list[dict]:
     """Import, fit and plan each limb in a log, and return the results."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    path, reference = folder / f"{log.name}.csv", folder / "mine.csv"
+    path = folder / f"{log.name}.csv"
+    reference = folder / "mine.csv"
     path.write_bytes(log.content)
     reference.write_text(REFERENCE)
     start = time.perf_counter()
@@ -198,11 +201,13 @@ def through_the_door(log: Log, folder: Path) -> list[dict]:
         fixed, row["lines"] = tried[mirror]
         recordings = given.parent
         if row["lines"]:
-            recordings, given = folder / "again", folder / "corrected.yaml"
+            recordings = folder / "again"
+            given = folder / "corrected.yaml"
             fixed.save(given)
             again = command("import", path, "-o", recordings, "--mapping", given)
             row["told"] = last_line(again)
-        limb, plan = folder / f"{recordings.name}.yaml", folder / f"{recordings.name}_plan.csv"
+        limb = folder / f"{recordings.name}.yaml"
+        plan = folder / f"{recordings.name}_plan.csv"
         read = [Recording.load(p) for p in sorted(recordings.glob("*.csv"))]
         if not read:
             continue
@@ -213,13 +218,15 @@ def through_the_door(log: Log, folder: Path) -> list[dict]:
             continue
         planned = command("plan", reference, "-l", limb, "-o", plan)
         row["plan"] = last_line(planned) if planned.returncode else "planned"
-        fitted, plain = LimbParameters.load(limb), LimbParameters()
+        fitted = LimbParameters.load(limb)
+        plain = LimbParameters()
         plain.segments[0].wires = [
             w for w in plain.segments[0].wires if w.name in fitted.wire_names
         ]
         row["error"] = error_of(fitted, truth, mirror)
         row["nominal"] = error_of(plain, truth, mirror)
-        row["seconds"], start = time.perf_counter() - start, time.perf_counter()
+        row["seconds"] = time.perf_counter() - start
+        start = time.perf_counter()
     return rows
 
 

@@ -71,7 +71,8 @@ def program(kind: str, seed: int, duration: float, wires: Sequence[int] = (0, 1)
         for wire in wires:
             duty[wire] = np.maximum(swing * (2 * wire - 1), 0.0)
         return duty
-    at, turn = 4, int(draw.integers(2))
+    at = 4
+    turn = int(draw.integers(2))
     while kind != "rest" and at < duty.shape[1] - 20:
         pattern = str(draw.choice(["pulses", "steps", "ramps"])) if kind == "dance" else kind
         level = draw.choice([0.2, 0.25, 0.3])
@@ -89,7 +90,8 @@ def program(kind: str, seed: int, duration: float, wires: Sequence[int] = (0, 1)
         if draw.uniform() < 0.25 and len(wires) > 1:  # the other one holds against it
             duty[1 - which, at : at + len(course)] = np.round(0.5 * course, 2)
         longest = {"pulses": 120, "dance": 8}.get(kind, 50)
-        at, turn = at + len(course) + int(draw.integers(2, longest + 1)), turn + 1
+        at = at + len(course) + int(draw.integers(2, longest + 1))
+        turn = turn + 1
     return duty
 
 
@@ -163,7 +165,8 @@ def tags(joints: Sequence[np.ndarray], draw: np.random.Generator) -> np.ndarray:
     """
     at = np.append(0.0, np.cumsum(SPACING))
     fine = np.linspace(0.0, 1.0, 401)
-    direction, heading = np.zeros((len(fine), joints[0].shape[1])), 0.0
+    direction = np.zeros((len(fine), joints[0].shape[1]))
+    heading = 0.0
     for index, angles in enumerate(joints):
         part = (fine >= index / 2) & (fine <= (index + 1) / 2)
         middles = np.append(0.0, (np.arange(len(angles)) + 0.5) / len(angles))
@@ -300,7 +303,8 @@ def _irregular(count: int, rate: float, draw: np.random.Generator) -> np.ndarray
 def pneumatic(seed: int) -> Log:
     """Return a log of the successor: valves, pressures, and half of each limb's angle."""
     draw = np.random.default_rng([2, seed])
-    count, start = 900, int(draw.integers(30_000_000, 70_000_000))
+    count = 900
+    start = int(draw.integers(30_000_000, 70_000_000))
     times = _irregular(count, 10.0, draw)
     swing = np.sin(2 * np.pi * np.outer([0.05, 0.08], times)) * (times > 2)
     angles = 18 * swing + draw.normal(0, 0.1, swing.shape)  # degrees, of the chord

@@ -40,8 +40,10 @@ def make_problem(links: int, knots: int) -> dict:
     """Return the fields of `casadi_peer.Problem` for the Fig. 5 reference."""
     program, guess = _program_and_guess(links, knots)
     states, duty = _states_and_duty(program, guess)
-    parameters, task = limb_parameters(links), Task.paper()
-    segment, limits = parameters.segments[0], parameters.temperature_limits
+    parameters = limb_parameters(links)
+    task = Task.paper()
+    segment = parameters.segments[0]
+    limits = parameters.temperature_limits
     times = np.linspace(0.0, DURATION, knots)
     reference = references.step_and_decaying_sine().vector_values(times)
     of_wires = {
@@ -124,7 +126,8 @@ def judge(problem: dict, states: np.ndarray, duty: np.ndarray) -> dict:
         and ``violation``, the largest of (16) and (18)-(20), rad, rad/s, °C
         or 1.
     """
-    n, times = problem["links"], problem["times"]
+    n = problem["links"]
+    times = problem["times"]
     deviation = states[:n] - problem["angles_ref"]
     weights = np.full(len(times), problem["angle_weight"])
     weights[-1] *= problem["terminal_factor"]
@@ -137,10 +140,12 @@ def judge(problem: dict, states: np.ndarray, duty: np.ndarray) -> dict:
 
     def derivatives(x, u):
         no_times = np.zeros((1, x.shape[1]))
-        x, u = np.asfortranarray(x), np.asfortranarray(u)
+        x = np.asfortranarray(x)
+        u = np.asfortranarray(u)
         return BatchEvalTimeDerivatives(limb, context, no_times, x, u, port)
 
-    h, rates = np.diff(times), derivatives(states, duty)
+    h = np.diff(times)
+    rates = derivatives(states, duty)
     middle_states = (states[:, :-1] + states[:, 1:]) / 2 - h / 8 * np.diff(rates)
     middle_rates = 1.5 / h * np.diff(states) - (rates[:, :-1] + rates[:, 1:]) / 4
     middle_duty = (duty[:, :-1] + duty[:, 1:]) / 2

@@ -62,7 +62,9 @@ LOGGED = {0.625: -2.477, 0.98: -4.728}  # s, mm: x of the centre of mass
 # Nodes 0 to 65 are in the limbs, from the rear foot on, 66 to 71 heels and toes. At node 26,
 # the middle of the spine, node 27 begins the middle leg and node 40 the rest of the spine. Body n
 # ends in node n and turns at the node before; the rear foot is body 0, the others are 66 and 67.
-SPINE, LIMB_NODES, ANKLES = 26, 66, (0, 39, 65)
+SPINE = 26
+LIMB_NODES = 66
+ANKLES = (0, 39, 65)
 BEFORE = [0, *(SPINE if node == 40 else node - 1 for node in range(1, LIMB_NODES))]
 BODY_OF = [*range(LIMB_NODES), 0, 0, 66, 66, 67, 67]
 TURNS_AT = [*BEFORE, *ANKLES[1:]]
@@ -76,7 +78,9 @@ BENDS = np.array(
 
 def straight_nodes() -> np.ndarray:
     """Return nodes (72, 2) as made, x and z, m: feet on the ground, centre of mass at x = 0."""
-    height, edge, turn = FOOT * np.sqrt(3) / 2, LIMB / EDGES, np.deg2rad(20.0)
+    height = FOOT * np.sqrt(3) / 2
+    edge = LIMB / EDGES
+    turn = np.deg2rad(20.0)
     tilt = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     corner = np.array([0.0, height])
     nodes = [corner]
@@ -101,9 +105,11 @@ def bent_by() -> np.ndarray:
 
 def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """Add all and finalize the plant; return the indices of pitch and joints in its positions."""
-    contact, below = ProximityProperties(), RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
+    contact = ProximityProperties()
+    below = RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
     AddContactMaterial(0.0, 1e7, CoulombFriction(FRICTION, FRICTION), contact)
-    world, joints = plant.world_body(), []
+    world = plant.world_body()
+    joints = []
     plant.RegisterCollisionGeometry(world, below, Box(*GROUND_SIZE), "ground", contact)
     for number, node in enumerate(TURNS_AT):
         inertia = SpatialInertia.Zero()
@@ -111,7 +117,8 @@ def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -
             lever = np.array([*(nodes[own] - nodes[node]), 0.0])  # frames are in the plane
             inertia += SpatialInertia(MASS, lever, UnitInertia.PointMass(lever))
         body = plant.AddRigidBody(f"body_{number}", inertia)
-        parent, place = world, RigidTransform(PLANE_ROTATION)
+        parent = world
+        place = RigidTransform(PLANE_ROTATION)
         if number:
             before = BODY_OF[node]
             parent = joints[before].child_body()
@@ -131,7 +138,9 @@ def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -
 
 def heat(steps: int) -> np.ndarray:
     """Return the heat of a heated wire in each step, as a share of its top."""
-    hot, top, since = np.zeros(steps + 1), 0.0, 0
+    hot = np.zeros(steps + 1)
+    top = 0.0
+    since = 0
     for step in range(steps):
         if step >= FIRST_PULSE and (step - FIRST_PULSE) % PERIOD == 0:
             hot[step + 1] = top = hot[step] + TIME_STEP / HEATING_TIME
@@ -144,7 +153,8 @@ def heat(steps: int) -> np.ndarray:
 
 def simulate_crawler(duration: float = 0.981) -> tuple[np.ndarray, np.ndarray]:
     """Return times (K,), s, and the centre of mass (2, K) at them, x and z, m."""
-    nodes, bent = straight_nodes(), bent_by()
+    nodes = straight_nodes()
+    bent = bent_by()
     edges = [nodes[BENDS[:, k + 1]] - nodes[BENDS[:, k]] for k in (0, 1)]
     across = edges[0][:, 1] * edges[1][:, 0] - edges[0][:, 0] * edges[1][:, 1]
     made = np.arctan2(across, np.sum(edges[0] * edges[1], axis=1))  # rad, to the right
@@ -159,7 +169,8 @@ def simulate_crawler(duration: float = 0.981) -> tuple[np.ndarray, np.ndarray]:
     angles = add_crawler(plant, nodes, damping)
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    force, path = np.zeros(plant.num_velocities()), []
+    force = np.zeros(plant.num_velocities())
+    path = []
     for step, hot in enumerate(heat(round(duration / TIME_STEP))):
         simulator.AdvanceTo(step * TIME_STEP)
         path.append(plant.CalcCenterOfMassPositionInWorld(context)[[0, 2]])

@@ -64,7 +64,8 @@ RECORDED_WIDTHS = {
 }
 HYSTERESIS = (4.0, 12.0)  # °C, from one middle to the other
 # Of wires near the defaults: factors of rates and torques, and changes of temperatures, °C.
-FACTOR, CHANGE = 1.4, 5.0
+FACTOR = 1.4
+CHANGE = 5.0
 
 
 def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generator) -> WireLaw:
@@ -109,7 +110,8 @@ def random_problem(seed: int, law: str = "linear"):
         levels = np.deg2rad(generator.uniform(-170.0, 170.0, 6))
         angles = levels[np.minimum((fine / duration * 6).astype(int), 5)]
     elif kind == "decaying sinusoid":
-        period, decay = generator.uniform(3.0, 15.0), generator.uniform(10.0, 60.0)
+        period = generator.uniform(3.0, 15.0)
+        decay = generator.uniform(10.0, 60.0)
         angles = amplitude * np.exp(-fine / decay) * np.sin(2 * np.pi * fine / period)
     else:
         angles = amplitude * np.sin(2 * np.pi * fine)
@@ -149,7 +151,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     seeds = range(options.seed, options.seed + options.cases)
     results = []
-    work, processes = functools.partial(solve, law=options.law), os.cpu_count() or 1
+    work = functools.partial(solve, law=options.law)
+    processes = os.cpu_count() or 1
     with Progress("sweep", len(seeds), "cases") as progress:
         for result in run_each(work, seeds, processes):
             results.append(result)

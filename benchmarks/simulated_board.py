@@ -43,11 +43,14 @@ class SimulatedBoard:
             step: ms, between two passes of the firmware's loop.
             limb: as for `Emulation`.
         """
-        self.milliseconds, self._step = 0, step
+        self.milliseconds = 0
+        self._step = step
         self.duties: list[tuple[float, ...]] = []
         self.samples: list[Sample] = []
         self._assembly = SampleAssembler()
-        self._to_board, self._sequence, self._session = b"", 0, 0
+        self._to_board = b""
+        self._sequence = 0
+        self._session = 0
         self._parser = protocol.Parser(protocol.BOARD_KINDS)
         self.emulation = Emulation(twin or LimbTwin(), self, self._note, lambda: self.now, limb)
         self.use(parameters or self.emulation.board.parameters)
@@ -69,7 +72,8 @@ class SimulatedBoard:
     # The board's end of the cable.
 
     def read(self) -> bytes:
-        data, self._to_board = self._to_board, b""
+        data = self._to_board
+        self._to_board = b""
         return data
 
     def write(self, data: bytes) -> None:
@@ -98,11 +102,13 @@ class SimulatedBoard:
         """Arm the board with other parameters from now on."""
         self.parameters = parameters
         self._bounds = [dataclasses.astuple(bounds) for bounds in parameters.heat_bounds]
-        self._total, self._pulls = parameters.total_duty, pulls_of(parameters)
+        self._total = parameters.total_duty
+        self._pulls = pulls_of(parameters)
 
     def arm(self) -> bool:
         """Arm the board; return whether it let itself be armed."""
-        self._session, self._sequence = self.newest.challenge, 0
+        self._session = self.newest.challenge
+        self._sequence = 0
         arming = self._session, self._bounds, self._total, self._pulls
         self._to_board += b"".join(from_host.encode_arming(*arming))
         self.run(0.06)
@@ -144,10 +150,12 @@ class SimulatedLink:
     port = "simulated"
 
     def __init__(self, board: SimulatedBoard):
-        self._board, self.hottest = board, -np.inf
+        self._board = board
+        self.hottest = -np.inf
 
     def info(self):
-        channels, angles = self._board.duty, self._board.samples[-1].tip_tangent
+        channels = self._board.duty
+        angles = self._board.samples[-1].tip_tangent
         return types.SimpleNamespace(
             serial_number="simulated",
             firmware_version="",

@@ -76,7 +76,8 @@ def errors(seed: int, wires: int) -> list[float]:
     described = mounted_limb(LimbParameters.in_space(wires), None)
     twin = LimbTwin(described, seed=seed)
     calibration = calibrate(collect_from_twin(twin), described)
-    limb, true = calibration.parameters, twin.specimen.mechanics()
+    limb = calibration.parameters
+    true = twin.specimen.mechanics()
     roll = limb.segments[0].bend_sensor.roll
 
     def unused(**more) -> LimbTwin:

@@ -33,7 +33,8 @@ from planners import Planner, references
 from planners.plan_check import simulated_differences
 
 G, SETTLED = 9.81, 2.0  # m/s², s
-TIMES, COARSE = np.linspace(0.0, 60.0, 601), np.linspace(0.0, 40.0, 201)
+TIMES = np.linspace(0.0, 60.0, 601)
+COARSE = np.linspace(0.0, 40.0, 201)
 CASES = {  # links, segments, gravity, payload
     "n = 5": (5, 1, [0.0, 0.0, 0.0], 0.0),
     "n = 5, gravity": (5, 1, [0.0, -G, 0.0], 0.0),
@@ -54,7 +55,9 @@ def plan_case(name: str) -> str:
     links, segments, gravity, payload = CASES[name]
     limb = LimbParameters.in_space(links=links)
     limb.segments = [copy.deepcopy(limb.segments[0]) for _ in range(segments)]
-    limb.total_duty, limb.gravity, limb.payload = 1.5 * segments, gravity, payload
+    limb.total_duty = 1.5 * segments
+    limb.gravity = gravity
+    limb.payload = payload
     phases = (
         2 * np.pi * TIMES / 46.0
         + np.pi / 2 * np.arange(LimbModel.of(limb).layout.num_bends)[:, None]
@@ -102,10 +105,13 @@ def random_problem(generator: np.random.Generator):
 def solve_random(seed: tuple[int, int]) -> tuple[str, str, float, float]:
     """Return outcome and law in words, processor time, s, and distance from the simulation, rad."""
     limb, reference = random_problem(np.random.default_rng(seed))
-    law, started, apart = type(limb.wires[0].law).__name__, time.process_time(), np.nan
+    law = type(limb.wires[0].law).__name__
+    started = time.process_time()
+    apart = np.nan
     try:
         _, _, differences = Planner(limb, COARSE).plan_unchecked(reference)
-        outcome, apart = "solved", differences.max()
+        outcome = "solved"
+        apart = differences.max()
     except LimbError as error:
         outcome = f"seed {seed}: {error}"
     return outcome, law, time.process_time() - started, apart

@@ -51,7 +51,8 @@ reached: list[str] = []
 def run(job: tuple[dict[str, Gait], int]) -> str:
     """Return a row of the table."""
     gaits, draw = job
-    ahead, rng = gaits[AHEAD], np.random.default_rng(draw)
+    ahead = gaits[AHEAD]
+    rng = np.random.default_rng(draw)
     robot = with_varied_parameters(ahead.robot, rng)
     share = rng.uniform(1 - FRICTION, 1 + FRICTION)
     robot.ground.friction *= share
