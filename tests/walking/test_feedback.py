@@ -21,28 +21,21 @@ TIME, PACE, AMPLITUDE = range(3)  # of the correction
 
 
 @pytest.fixture(scope="module")
-def gait():
-    """A crawl of 2 s per cycle."""
-    return plan_gait(with_quick_wires(), temperature_margin=10.0, check=False)
+def gait(quick_crawl):
+    return quick_crawl
 
 
 @pytest.fixture(scope="module")
-def crawl():
-    """A crawl of 5 s per cycle."""
-    return plan_gait(with_quick_wires(factor=3.0), temperature_margin=10.0, check=False)
-
-
-@pytest.fixture(scope="module")
-def fed_walk(crawl, fed):
+def fed_walk(gait, fed):
     """Return what feedback shows until soon after two cycles of a robot that is read as planned.
 
     Its stride is a share of the plan's, and its bends are read off by some rad.
     """
-    walked = walk(crawl, 3)
-    end = round((walked.duration - crawl.period) / PERIOD)
+    walked = walk(gait, 3)
+    end = round((walked.duration - gait.period) / PERIOD)
 
     def after(stride=1.0, bend_error=0.0, seen=True):
-        travel = stride * crawl.speed * walked.time
+        travel = stride * gait.speed * walked.time
         pose = np.array([travel, 0 * travel + 0.06, 0 * travel])
         inputs = {
             "measured_temperature": walked.measured_temperature.T,
@@ -50,7 +43,7 @@ def fed_walk(crawl, fed):
             "body_pose": (pose if seen else np.nan * pose).T,
         }
         inputs = {name: rows[: end + 10] for name, rows in inputs.items()}
-        return fed(GaitFeedback(crawl, 3), inputs), end
+        return fed(GaitFeedback(gait, 3), inputs), end
 
     return after
 
@@ -66,21 +59,21 @@ def test_amplitude_follows_the_stride_after_two_cycles(fed_walk):
     assert found.correction[-1, AMPLITUDE] == pytest.approx(0.8**-0.5, abs=0.02)
 
 
-def test_the_clock_waits_for_a_limb_that_lags_also_if_the_body_is_not_seen(crawl, fed_walk):
+def test_the_clock_waits_for_a_limb_that_lags_also_if_the_body_is_not_seen(gait, fed_walk):
     found, _ = fed_walk(stride=0.5, bend_error=np.deg2rad([0.0, -8.0]), seen=False)
     assert (found.correction[:, AMPLITUDE] == 1.0).all()
-    in_warm_up = found.correction[:, TIME] < walk(crawl, 3).duration - 3 * crawl.period - PERIOD
+    in_warm_up = found.correction[:, TIME] < walk(gait, 3).duration - 3 * gait.period - PERIOD
     assert (found.correction[in_warm_up, PACE] == 1.0).all()
     assert found.correction[-1, PACE] == 0.5
     assert np.diff(found.correction[-5:, TIME]) == pytest.approx(0.5 * PERIOD)
 
 
-def test_bends_near_the_plan_are_left_and_wires_held_to_its_heat(crawl):
+def test_bends_near_the_plan_are_left_and_wires_held_to_its_heat(gait):
     """Wires cannot be cooled: small corrections to and fro would warm both wires of a limb."""
-    feedback = GaitFeedback(crawl, 1)
+    feedback = GaitFeedback(gait, 1)
     state = feedback.CreateDefaultContext().get_discrete_state()
     plan = feedback._plan
-    time = feedback._begin + 0.6 * crawl.period
+    time = feedback._begin + 0.6 * gait.period
     k = plan.index(time)
     rested = feedback._estimator.begin(plan.heat[k, -4:], np.zeros(2))
 
