@@ -174,7 +174,8 @@ def walked(gait):
     for wire in other.limb("rear").wires:
         wire.law.a2 *= 1.2
     plan = walk(gait, 2)
-    recording = replay(plan, Robot(other), controller=PlanFeedback(plan), unchecked=True)
+    robot = Robot(other, time_step=2e-3)
+    recording = replay(plan, robot, controller=PlanFeedback(plan), unchecked=True)
     return recording, plan.duration - 2 * gait.period
 
 

@@ -235,36 +235,41 @@ def test_gait_has_the_largest_feasible_steadiness():
     assert "as steady as asked for, 1000" in gait.check.remark
 
 
-def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
-    def check_gait(gait, spread):
-        strides = [0.9 if gait.check.steadiness < 40 else 1.0]
-        return dataclasses.replace(
-            gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", strides))
-        )
+@pytest.fixture
+def plan_with_strides(coarse, monkeypatch):
+    """Return a function that plans from `coarse`, and takes strides from a function of the gait."""
 
-    def as_planned(*_):
-        return GaitVariation("", [1.0, 1.0])
+    def plan(check_strides, simulated_strides) -> Gait:
+        def check_gait(gait, spread):
+            simulation = GaitVariation("", check_strides(gait))
+            return dataclasses.replace(
+                gait, check=dataclasses.replace(gait.check, simulation=simulation)
+            )
 
-    monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
-    monkeypatch.setattr("walking.gait_planning.simulate_gait", as_planned)
-    gait = plan_gait(intervals=8)
+        def simulate_gait(gait, *_):
+            return GaitVariation("", simulated_strides(gait))
+
+        monkeypatch.setattr("walking.gait_planning._plan_course", lambda *_: coarse)
+        monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
+        monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
+        return plan_gait(intervals=8)
+
+    return plan
+
+
+def test_a_gait_that_fails_its_check_is_planned_steadier(plan_with_strides):
+    gait = plan_with_strides(
+        lambda gait: [0.9 if gait.check.steadiness < 40 else 1.0], lambda gait: [1.0, 1.0]
+    )
     assert gait.passed
     assert gait.check.steadiness == 2 * STEADINESS
     assert "a stride is 90.0% of the planned one" in gait.check.remark
 
 
-def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(coarse, monkeypatch):
-    def check_gait(gait, spread):
-        return dataclasses.replace(
-            gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
-        )
-
-    def simulate_gait(gait, *_):
-        return GaitVariation("", [0.9, 0.97 if len(gait.time) < 17 else 0.995])
-
-    monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
-    monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
-    gait = plan_gait(intervals=8)
+def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(coarse, plan_with_strides):
+    gait = plan_with_strides(
+        lambda gait: [1.0], lambda gait: [0.9, 0.97 if len(gait.time) < 17 else 0.995]
+    )
     assert gait.intervals == [2 * number for number in coarse.intervals]
     assert gait.passed  # with its constraints
     assert gait.check.iterations < coarse.check.iterations  # as it begins from the coarse one
