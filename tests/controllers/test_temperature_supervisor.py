@@ -90,7 +90,7 @@ square = [[1.0, float(k // 20 % 2)] for k in range(220)]
 def test_wires_with_exact_laws_stay_below_the_limit(seed, ticks, highest):
     """Whatever is asked, and however long each of it lasts."""
     parameters, rng = small_limb(), np.random.default_rng(seed)
-    asked = np.repeat(rng.uniform(-0.5, highest, (160 // ticks + 1, 2)), ticks, axis=0)[:160]
+    asked = np.repeat(rng.uniform(-0.5, highest, (120 // ticks + 1, 2)), ticks, axis=0)[:120]
     temperature, applied = driven(parameters, ExactWires(parameters), asked)
     assert temperature.max() <= LIMIT
     assert applied.min() >= 0.0
@@ -176,8 +176,8 @@ def test_limbs_of_any_law_of_two_segments_and_emulated_ones_stay_below_the_limit
         (Limb(two_segments), two_segments, 0.0),
         (LimbTwin(small_limb(), seed=14, truth=True), small_limb(), 2.0),
     ):
-        asked = waves(len(parameters.wires), 9.0)
-        recording = supervised_recording(limb, parameters, asked, 9.0)
+        asked = waves(len(parameters.wires), 8.0)
+        recording = supervised_recording(limb, parameters, asked, 8.0)
         assert 95.0 < recording.wire_temperature.max() <= LIMIT + beyond
 
 
