@@ -10,6 +10,7 @@ from unittest import mock
 import pytest
 
 from hardware import HardwareError
+from hardware.board import board_check
 from hardware.board.board_check import CASES, FAILED, NOT_RUN, PASSED, Host
 from hardware.firmware import guard, protocol
 from hardware.firmware.firmware import Firmware
@@ -234,16 +235,25 @@ def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
     assert cable.emulation.board.wire_temperature()[1] < before + 23.0 * duty * 0.3
 
 
-def test_board_check_at_a_port(virtual_time, emulator, capsys):
+def test_board_check_at_a_port(virtual_time, emulator, capsys, monkeypatch):
+    outcomes = []
+
+    def check_and_keep(host, tell):
+        check_board_at_port(host, lambda outcome: outcomes.append(outcome) or tell(outcome))
+
+    check_board_at_port = board_check.check_board
+    monkeypatch.setattr(board_check, "check_board", check_and_keep)
     assert main(["board-check", emulator.port]) == 0
     *lines, summary = capsys.readouterr().out.splitlines()
     assert lines == [f"ok       {case.name}" for case in CASES]
     assert summary == f"passed {len(CASES)}, failed 0, not run 0"
     assert emulator.duty() == [0.0, 0.0]
+    monkeypatch.setattr(board_check, "check_board", lambda _, tell: [*map(tell, outcomes)])
     assert main(["board-check", emulator.port, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["passed"], facts["failed"], facts["not_run"]) == (len(CASES), 0, 0)
     assert facts["checks"][-1]["section"] == "docs/protocol.md#from-the-host"
+    monkeypatch.setattr(board_check, "check_board", check_board_at_port)
     emulator.order("silence")
     virtual_time.sleep(1.0)
     assert main(["board-check", emulator.port]) == 1
