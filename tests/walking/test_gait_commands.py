@@ -63,6 +63,9 @@ def test_a_robot_walks_by_a_gait(crawl, tmp_path, capsys):
     begin, end = np.interp([start, recording.time[-1]], recording.time, recording.body_pose[0])
     assert said["strides"] == pytest.approx([end - begin], rel=1e-2)
     assert end - begin > 0.5 * gait.stride
+    assert main(["walk", words[1], "-o", str(tmp_path / "again.csv"), "--replan"]) == 1
+    message = capsys.readouterr().err
+    assert "--replan fits friction and the heights of feet of robots in space" in message
 
 
 def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys, monkeypatch):
