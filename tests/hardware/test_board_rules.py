@@ -157,9 +157,12 @@ def test_what_needs_a_hand_is_not_run_without_one():
 
 
 def test_boards_with_four_wires_keep_the_rules_of_wires_and_bends(two_segments):
-    """Around two axes, and in two segments."""
-    rules = [rule for rule in RULES if rule.name.startswith(OF_WIRES_AND_BENDS)]
-    for limb in (LimbParameters.in_space(wires=4), two_segments):
+    """In two segments all of them, and around two axes those of which wire bends what."""
+    for limb, names in (
+        (two_segments, OF_WIRES_AND_BENDS),
+        (LimbParameters.in_space(wires=4), ("info", "sensors", "bend-", "duty-goes", "heated")),
+    ):
+        rules = [rule for rule in RULES if rule.name.startswith(names)]
         assert broken(outcomes_of(Firmware, rules, limb)) == []
     with pytest.raises(HardwareError, match="has 4 channels, but the limb has 2 wires"):
         check_board(EmulatedCable(PaperTwin(two_segments)))
