@@ -90,7 +90,7 @@ square = [[1.0, float(k // 20 % 2)] for k in range(220)]
 def test_wires_with_exact_laws_stay_below_the_limit(seed, ticks, highest):
     """Whatever is asked, and however long each of it lasts."""
     parameters, rng = small_limb(), np.random.default_rng(seed)
-    asked = np.repeat(rng.uniform(-0.5, highest, (120 // ticks + 1, 2)), ticks, axis=0)[:120]
+    asked = np.repeat(rng.uniform(-0.5, highest, (160 // ticks + 1, 2)), ticks, axis=0)[:160]
     temperature, applied = driven(parameters, ExactWires(parameters), asked)
     assert temperature.max() <= LIMIT
     assert applied.min() >= 0.0
