@@ -1,6 +1,7 @@
 """The supervisor against wires that follow (6) and (7) exactly, and others that do not."""
 
 import copy
+import functools
 
 import numpy as np
 import pytest
@@ -18,16 +19,13 @@ from limb_systems import HystereticLaw, Limb, LimbError, LimbParameters
 from limb_systems.limb_parameters import CalibrationRecord
 from limb_systems.simulation import record
 
+from .conftest import limb_of
+
 LIMIT = 100.0  # °C, T_max, of limbs that are not calibrated
 PERIOD = 0.05
 
 
-def small_limb(law=None):
-    parameters = LimbParameters()
-    parameters.segments[0].links = 1
-    for wire in parameters.wires:
-        wire.law = law() if law else wire.law
-    return parameters
+small_limb = functools.partial(limb_of, links=1)
 
 
 class ExactWires:

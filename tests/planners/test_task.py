@@ -37,6 +37,8 @@ from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import solve_program
 from soft_limb.results.summaries import plan_summary
 
+from .conftest import cold_parameters
+
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -59,12 +61,6 @@ def test_paper_task_has_the_printed_weights():
     weights, _ = Task.paper().weights(np.linspace(0.0, 1.0, 11))
     assert weights.tolist() == [100.0] * 10 + [100_000.0]
     assert Task.paper().duty_hold == 0.0
-
-
-def cold_parameters():
-    parameters = LimbParameters()
-    parameters.temperature_limits.warm_up_time = 1000.0
-    return parameters
 
 
 def step_to_20_degrees():

@@ -20,7 +20,7 @@ from walking.schedules import parse_schedule
 from walking.standing import FrictionGain, Stability, make_balance
 from walking.walker import Walker
 
-from .conftest import with_quick_wires
+from .conftest import contacts_of_intervals, with_quick_wires
 
 VELOCITIES = JacobianWrtVariable.kV
 
@@ -217,9 +217,7 @@ def test_crawler_is_as_fast_as_a_hand_made_gait(gait):
 def test_pitch_is_as_stiff_as_asked_for(gait):
     """The stiffness that turning the body meets while all else gives way, by its inverse."""
     planar, wires = Walker(gait.robot), LimbModel.of(gait.parameters).wires
-    starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
-    sticks = np.array([gait.phases[p].contacts for p in phases]) == "stick"
+    sticks = contacts_of_intervals(gait) == "stick"
     stuck = sticks & np.roll(sticks, 1, axis=0)
     standing = Stability(planar, wires, np.stack([stuck, np.ones_like(stuck)], axis=-1) * 1.0)
     y = np.vstack([gait.body_pose, gait.joint_angles])
@@ -335,9 +333,7 @@ def test_gait_repeats_with_its_heat_and_its_feet(gait):
     )
     along, normal = gait.contact_force.T.reshape(len(gait.time), -1, 2).T
     np.testing.assert_allclose(heights, planar.radius - normal.T / 1e4, atol=1e-9)
-    starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
-    sliding = np.array([gait.phases[p].contacts for p in phases]) == "slide_forward"
+    sliding = contacts_of_intervals(gait) == "slide_forward"
     steps = np.diff(travel, axis=0)
     assert (np.abs(steps[~sliding]) < 1e-9).all()
     assert (steps[sliding] > -1e-9).all()
