@@ -54,6 +54,7 @@ from limb_systems import (
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.signal_table import column_names
+from limb_systems.simulation import RecordOptions
 from planners import plan
 from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
@@ -314,7 +315,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         TemperatureSupervisor(nominal),
         SerialLimb("port"),
         Feed(None, Limb()),
-        Journal(os.devnull, Limb(), 20.0),
+        Journal(os.devnull, Limb(), RecordOptions()),
         LimbActuation(),
         WireColors(nominal, meshcat),
         station,

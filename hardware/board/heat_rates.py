@@ -98,6 +98,7 @@ def fit_heat_rates(heatings: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> 
             differences.append(heating * reading - rise)
         return np.concatenate(differences)
 
+    # Fit logarithms, as all parameters are positive.
     limits = np.log(LOWEST_RATES), np.log(HIGHEST_RATES)
     fit = least_squares(errors, np.log(INITIAL_RATES), bounds=limits)
     heating, cooling, reading_ratio, _ = np.exp(fit.x).tolist()

@@ -61,7 +61,7 @@ def test_heat_and_force_are_those_that_generated_the_data(
     assert heat.temperature_residual < 0.1
     force = fit_force(true_limb, recording, index, heat, SPRING)
     assert force.beta.value == pytest.approx(wire.beta, rel=0.02)
-    assert len(force.ratios) >= 3
+    assert force.remarks == []  # not even of few equilibria
     softer = Estimate(0.02875, 0.002875, "N·m/rad")
     half = fit_force(true_limb, recording, index, heat, softer).beta
     assert half.value == pytest.approx(force.beta.value / 2)
