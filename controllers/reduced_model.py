@@ -57,6 +57,7 @@ class ReducedModel:
         after = self._state_step(heat, duty)
         self.symbolic_step = ca.Function("step", [heat, duty], [after])
         self._step = SmoothFunction(after, ca.vertcat(heat, duty))
+        self._steps_in_a_row = functools.cache(self.symbolic_step.mapaccum)
 
     def _state_step(self, heat: ca.SX, duty: ca.SX) -> ca.SX:
         """Return the heat (H,) a period later, by the midpoint method."""
@@ -149,7 +150,7 @@ class ReducedModel:
         starts = heat.reshape(-1, self.size).T
         # CasADi takes the steps of one rollout after those of another.
         levels = np.moveaxis(duty.reshape(num_steps, -1, self.num_wires), 0, 1)
-        steps = self.symbolic_step.mapaccum(num_steps)
+        steps = self._steps_in_a_row(num_steps)
         after = steps(starts, levels.reshape(-1, self.num_wires).T).full()
         after = after.T.reshape(-1, num_steps, self.size).swapaxes(0, 1)
         return np.concatenate([heat[None], after.reshape(num_steps, *heat.shape)])

@@ -110,8 +110,8 @@ class Feed(LeafSystem):
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``measured_temperature``: V (W), °C
-    - input 2 ``bend_angle``: φ (S), rad
-    - further inputs, if the limb or controller has them: ``applied_duty`` (W), ``reference`` (S),
+    - input 2 ``bend_angle``: φ (F), rad
+    - further inputs, if the limb or controller has them: ``applied_duty`` (W), ``reference`` (F),
       rad
     """
 
