@@ -1,7 +1,6 @@
 """The times of a log's rows: units, midnight, restarts, coarse clocks, and a second file's."""
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from calibration.import_logs.evidence import correlation
 from calibration.import_logs.mapping import FRAMES, TIME_OF_DAY, TIME_UNITS, UNKNOWN, TimeColumn
@@ -195,6 +194,8 @@ def _smooth_times(times: np.ndarray) -> np.ndarray:
 
     The clock's error, as far as rows come at one rate, is its mean over many of its steps.
     """
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
     steps = np.diff(times)
     clock = _clock_step(steps) or float(np.min(steps[steps > 0]))
     smoothed = times.copy()
