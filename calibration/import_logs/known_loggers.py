@@ -1,6 +1,7 @@
 """Known loggers: `ezloophw-py`, of limbs with two wires each, and its pneumatic successor."""
 
 import itertools
+import operator
 import re
 
 from calibration.import_logs import mapping
@@ -26,7 +27,7 @@ def known_logger(table: LogTable) -> list[Proposal]:
     limbs = sorted(set(map(int, _numbers_after("pwm_duty_limb", table, r"_\w+"))))
     if limbs:
         proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
-        return [proposal for proposal in proposals if proposal.is_heated] or proposals
+        return list(filter(operator.attrgetter("is_heated"), proposals)) or proposals
     if TIMESTAMP in table.names and _numbers_after("MPRpressure_", table):
         return _pneumatic_limbs(table)
     return []
