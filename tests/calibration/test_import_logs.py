@@ -369,6 +369,14 @@ def cases(truth):
     return {
         "coil": ("time_s pwm_coil_R pwm_coil_L T_R_C T_L_C angle_deg", crossed),
         "control": ("time_s control_left control_right T1 T2 angle_deg", base),
+        "controlled things": (
+            "time_s wire_left wire_right T1 T2 angle_deg",
+            [base[0], counts[0] + np.arange(len(truth.time)) % 2, *base[2:]],
+        ),
+        "warmed by the other wire": (
+            "time_s pwm_left T_right_C bend_deg",
+            [*base[:2], 0.5 * (22.0 + temperatures[0]), degrees],
+        ),
         "things": ("time_s wire_left wire_right T1 T2 angle_deg", base),
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
@@ -418,6 +426,7 @@ def cases(truth):
         "tip": with_(5, "tip", 0.01 * degrees),
         "current": with_(2, "Current", 2.0 * counts[1]),
         "milliseconds": with_(0, "time_s", 1000.0 * truth.time),
+        "named °C": (names, [*base[:3], *(1.8 * temperatures + 32), base[5]]),
         "named °F": with_(3, "temp_left_f", temperatures[0]),
     }
 
@@ -447,6 +456,8 @@ def cases(truth):
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
+        ("warmed by the other wire", "T_right_C is a temperature of no wire"),
+        ("controlled things", r"^which of wire_left and wire_right .* Names do not tell$"),
         ("mixed units", "unit of T_left: C, F or K"),
         ("named rad", "degrees is a unit of bend_deg"),
         ("frames", "the frames in frame"),
@@ -459,6 +470,7 @@ def cases(truth):
         ("current", "Current is a current, but may be the heat of a wire"),
         ("milliseconds", "unit of time_s. Its rows are too far apart"),
         ("named °F", "unit of temp_left_f: C, F or K"),
+        ("named °C", "unit of T_left_C: C, F or K.*unit of T_right_C"),
     ],
 )  # fmt: skip
 def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases, case, asked):
@@ -632,9 +644,11 @@ def test_a_heated_log_answers_for_a_log_without_heat(tmp_path, truth, cases):
     assert [wire.temperature for wire in logs[1].limb.mapping.wires] == ["T1", "T2"]
     assert logs[1].recordings
     # A question about names that contradict numbers stays.
-    crossed = write(tmp_path / "crossed.csv", *(cases["swapped"][0].split(), cases["swapped"][1]))
-    named = write(tmp_path / "named.csv", cases["swapped"][0].split(), still)
-    assert [bool(log.recordings) for log in import_logs([crossed, named])] == [False, True]
+    names, columns = cases["swapped"]
+    crossed = write(tmp_path / "crossed.csv", names.split(), columns)
+    right = [*columns[:3], columns[4], columns[3], columns[5]]
+    good = write(tmp_path / "good.csv", names.split(), right)
+    assert [bool(log.recordings) for log in import_logs([crossed, good])] == [False, True]
 
 
 def test_words_of_a_lab(tmp_path, cases):
