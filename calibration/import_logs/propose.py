@@ -146,8 +146,7 @@ class Columns:
         heats = np.zeros((len(self.duties), len(self.steps.times)))
         for index, duty in enumerate(self.duties):
             heats[index] = duty.heat(self.wires[index].sign)
-        # What follows inverted duties is judged as if they were turned.
-        return heats.max(axis=1, keepdims=True) - heats if self.is_inverted else heats
+        return heats
 
     def ask(
         self, kind: str, field: str, choices: Iterable["str | Column"] = (), **facts: object
@@ -263,6 +262,9 @@ class Columns:
                 self.is_inverted = True
         if full and not is_mixed and not self.is_inverted:
             return full
+        # What follows is judged as if inverted duties were not.
+        if self.is_inverted:
+            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
         kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
         texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
