@@ -114,7 +114,10 @@ class Comparison:
         return {
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
-            "changes": [{**dataclasses.asdict(c), "relative": c.relative} for c in self.changes],
+            "changes": [
+                {**dataclasses.asdict(change), "relative": change.relative}
+                for change in self.changes
+            ],
             "differences": list(map(dataclasses.asdict, self.differences)),
             "distances": [
                 {"run": run, **distances_summary(distances).to_json()}
@@ -197,7 +200,10 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         if len({*map(str, change.values)} - {"None"}) > 1:
             changes.append(change)
     # Compare the parameters of the limbs or robots.
-    limbs = [r.value if r.kind == LIMB else r.value.robot or r.value.parameters for r in results]
+    limbs = []
+    for result in results:
+        run = result.value
+        limbs.append(run if result.kind == LIMB else run.robot or run.parameters)
     changes += _changed(list(map(flattened, limbs)))
     if first.kind == LIMB:
         return Comparison(results, changes, [], {}, [])
@@ -345,12 +351,13 @@ def _interpolated_signals(run: Recording | Trajectory, times: np.ndarray) -> dic
 def _distances(results: Sequence[ResultFile]) -> dict[int, ReferenceDistances]:
     """Return the distances of each recording from the reference; none unless there is one plan."""
     plans = [result.value for result in results if result.kind == TRAJECTORY]
-    recordings = {n: result.value for n, result in enumerate(results) if result.kind == RECORDING}
     distances: dict[int, ReferenceDistances] = {}
-    if len(plans) == 1 and recordings:
-        nearest = nearest_bend_angle(plans[0])
-        for number, recording in recordings.items():
-            distances[number] = reference_distances(plans[0], [recording], nearest)
+    if len(plans) != 1:
+        return distances
+    nearest = nearest_bend_angle(plans[0])
+    for number, result in enumerate(results):
+        if result.kind == RECORDING:
+            distances[number] = reference_distances(plans[0], [result.value], nearest)
     return distances
 
 
