@@ -355,12 +355,12 @@ class Estimator:
         H = self.model.size
         W = self.model.num_wires
         period = self.model.period
-        # The heat a period later, and the slopes F of all that is estimated.
+        # The heat a period later, and the derivatives of all that is estimated (M, M).
         heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
         heat[:W] += period * estimate.heating_rate
-        F = np.diag(self._decay)
-        F[:H, :H] = by_heat
-        F[:W, H : H + W] = period * np.eye(W)
+        slopes = np.diag(self._decay)
+        slopes[:H, :H] = by_heat
+        slopes[:W, H : H + W] = period * np.eye(W)
         # Heating makes the wires' temperatures less certain; changes of them, the residual.
         change = heat[:W] - estimate.heat[:W]
         walk = self._walk.copy()
@@ -373,7 +373,7 @@ class Estimator:
             heating_rate=rate_decay * estimate.heating_rate,
             drift=drift_decay * estimate.drift,
             residual=residual_decay * estimate.residual,
-            covariance=F @ estimate.covariance @ F.T + np.diag(walk),
+            covariance=slopes @ estimate.covariance @ slopes.T + np.diag(walk),
             unread_change=estimate.unread_change + heat[:W] - estimate.heat[:W],
         )
 

@@ -183,7 +183,7 @@ def nearest_distance(trajectory: Trajectory) -> float | None:
 
 def limbs_of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list[Summary]:
     """Return the summaries of the limbs of one physics."""
-    return [s for s in summaries if s.physics == physics]
+    return [summary for summary in summaries if summary.physics == physics]
 
 
 def _of_limbs(limbs: Sequence[Summary], field: str, *keys: str) -> list[Any]:
