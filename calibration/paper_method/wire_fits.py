@@ -200,7 +200,9 @@ def fit_heat_transfer(
     count = len(clusters)
     prior = fit.jac[-1] if fits_delay else None
     covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
-    covariance += _covariance_by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
+    change = residuals(fit.x, ambient + 1.0) - fit.fun
+    shift = np.linalg.pinv(fit.jac) @ change * ambient_error
+    covariance += np.outer(shift, shift)
     values = _rates(fit.x)
     value_covariance = covariance[:3, :3] * np.outer(values, values)
     errors = np.abs(values) * np.sqrt(np.diag(covariance)[:3])
@@ -230,12 +232,6 @@ def fit_heat_transfer(
 def _rates(x: np.ndarray) -> np.ndarray:
     """Return a1, a2, a3, whose logarithms come first in x."""
     return _SIGNS * np.exp(x[:3])
-
-
-def _covariance_by_ambient(fit, residuals_warmer: np.ndarray, ambient_error: float) -> np.ndarray:
-    """Return the covariance due to the error of T0, by residuals with T0 1 °C higher."""
-    shift = np.linalg.pinv(fit.jac) @ (residuals_warmer - fit.fun) * ambient_error
-    return np.outer(shift, shift)
 
 
 def _block_numbers(time: np.ndarray) -> np.ndarray:

@@ -287,7 +287,9 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_M
             raise SchemaError(f"{path} is {short_repr(data)}; it must be one of {words}.")
         return value
     if dataclasses.is_dataclass(schema):
-        return _convert_fields(data, typing.cast(type, schema), path, where)
+        cls = typing.cast(type, schema)
+        values = _field_values(data, cls, path, where)
+        return data if isinstance(data, cls) else cls(**values)
     if schema is str:
         check_text(data, path, metadata)
         return data
@@ -334,12 +336,6 @@ def _name_in_files(field: dataclasses.Field) -> str:
     """Return the name of a field in files; empty if no file has it."""
     name = field.metadata.get("in_files", True)
     return name if isinstance(name, str) else field.name if name else ""
-
-
-def _convert_fields(data: Any, schema: type, path: str, where: str) -> Any:
-    """Convert a dict to a dataclass, or check a dataclass; see `_convert`."""
-    values = _field_values(data, schema, path, where)
-    return data if isinstance(data, schema) else schema(**values)
 
 
 def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, Any]:
