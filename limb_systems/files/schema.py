@@ -342,13 +342,17 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
     """Return the values of a dataclass's fields by their names, without missing fields."""
     hints = _hints(schema)
     prefix = f"{path}." if path else ""
-    fields = {name: f for f in dataclasses.fields(schema) if (name := _name_in_files(f))}
+    fields = {}
+    for field in dataclasses.fields(schema):
+        if name_in_files := _name_in_files(field):
+            fields[name_in_files] = field
     # Collect the values.
     is_made = isinstance(data, schema)
     if is_made:
         given = {name: getattr(data, field.name) for name, field in fields.items()}
     elif isinstance(data, dict):
-        given = {key: value for key, value in data.items() if key != "_tag"}
+        given = dict(data)
+        given.pop("_tag", None)
     else:
         raise SchemaError(
             f"{where} must have the fields {', '.join(fields)}, but is {short_repr(data)}."
