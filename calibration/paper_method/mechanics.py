@@ -574,11 +574,13 @@ def _fit_recording(parameters, recording: Recording):
 
     # The model of the cold limb rings down with a given σ.
     def ring_down(damping: float, released: float) -> DampedSinusoid:
+        # Mount the limb as it was recorded, with cold wires.
         limb = copy.deepcopy(parameters)
         limb.gravity = list(gravity)
         limb.segments[0].damping = float(damping)
         for wire in limb.wires:  # they stay cold, and laws with memory take four times as long
             wire.law = LinearLaw()
+        # Release it at rest from where it was bent.
         room = np.full(len(limb.wires), limb.ambient_temperature)
         swing = joint_angles_from_bend_angle(limb, released * direction)
         model = LimbModel.of(limb)
@@ -593,6 +595,7 @@ def _fit_recording(parameters, recording: Recording):
             accuracy=swing_accuracy(np.abs(swing).max()),
             initial_state=state,
         )
+        # Fit what the sensor shows of it.
         assert simulation.joint_state is not None  # a model's
         joint_angles = simulation.joint_state[: limb.num_joints]
         bends = sensor.apparent_bends(limb.segments[0].chain, joint_angles)
