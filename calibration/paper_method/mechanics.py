@@ -272,6 +272,7 @@ def _stiffness_of_sags(
 def _mounted(
     parameters: LimbParameters, gravity: Sequence[float], payload: float
 ) -> LimbParameters:
+    """Return a limb as it is mounted under gravity (3,), m/s², with a payload at its tip, kg."""
     mounted = copy.deepcopy(parameters)
     mounted.gravity = list(gravity)
     mounted.payload = payload

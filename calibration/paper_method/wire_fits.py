@@ -247,6 +247,7 @@ def _independent_deviation(residual: np.ndarray, blocks: np.ndarray) -> float:
 
 
 def _check_excitation(name: str, duty, measured, ambient: float, period: float) -> None:
+    """Raise CalibrationError if a wire was not heated, or never warm."""
     if not duty.any():
         raise CalibrationError(f"The {name} wire was never heated in this recording.")
     rise = np.percentile(measured, 99) - ambient
@@ -297,6 +298,7 @@ def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[flo
 
 
 def _remarks_on_rates(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
+    """Yield remarks on fitted rates; raise CalibrationError for a rate at a bound of the fit."""
     at_limit = (duty >= 0.99).mean()
     highest = np.percentile(rise, 99)
     if at_limit > 0.2:
