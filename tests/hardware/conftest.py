@@ -22,7 +22,7 @@ from hardware.firmware import protocol
 from hardware.firmware.firmware import Firmware
 from limb_systems import LimbParameters, SegmentParameters
 
-from .c_firmware import COMPILER, compile_core
+from .c_firmware import COMPILER, compile_core, make_both
 from .virtual_time import VirtualCable, VirtualTime
 
 BOUNDS = LimbParameters().heat_bounds
@@ -257,12 +257,15 @@ def core(tmp_path_factory):
     return compile_core(tmp_path_factory.mktemp("core"))
 
 
-@pytest.fixture(params=["python", "c"])
-def program(request, monkeypatch):
-    """Each firmware, which emulated boards run, too."""
-    found = Firmware if request.param == "python" else request.getfixturevalue("core")
-    monkeypatch.setattr("hardware.emulation.emulator.Firmware", found)
-    return found
+@pytest.fixture(scope="session")
+def both_firmwares(tmp_path_factory):
+    """The firmware in Python and the core in C, which must do the same, byte for byte.
+
+    The core has double precision, as Python has it. Without a C compiler it is left out.
+    """
+    if not COMPILER:
+        return Firmware
+    return make_both(compile_core(tmp_path_factory.mktemp("both"), "double"))
 
 
 @pytest.fixture
