@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.lapack import dtbtrs
 
 
 def low_pass(
@@ -15,7 +16,13 @@ def low_pass(
         gain: 1 - decay if None, so that y settles to x.
         axis: axis of time.
     """
-    # scipy.signal takes longer to import than all the rest.
-    from scipy.signal import lfilter
-
-    return lfilter([1.0 - decay if gain is None else gain], [1.0, -decay], signal, axis=axis)
+    if gain is None:
+        gain = 1.0 - decay
+    driven = gain * np.moveaxis(np.asarray(signal, float), axis, 0)
+    # All steps are one triangular system of equations with two diagonals: scipy.signal, which has
+    # such filters, takes longer to import than all the rest.
+    diagonals = np.ones((2, len(driven)))
+    diagonals[1] = -decay
+    columns = driven.reshape(len(driven), -1)
+    filtered, _ = dtbtrs(diagonals, columns, uplo="L")
+    return np.moveaxis(filtered.reshape(driven.shape), 0, axis)

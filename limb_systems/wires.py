@@ -5,6 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from limb_systems.law_functions import check_symbols
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
@@ -33,6 +34,7 @@ class Wires:
     - ``levers``: B, direction of the wires' torque on the joints (n, W), from `LimbMechanics`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
+    - ``are_linear``: whether both are true.
     - ``torque_needs_angle``: whether any force depends on the angle, of a wire or of the rubber.
     - ``heat``: [ẋ, V̇] (N + W,), per second, of [x, V, D], as a `SmoothFunction`: (6), (7) and the
       memory of the rubber. ``symbolic_heat`` is the same as a CasADi function of x, V and D.
@@ -96,6 +98,8 @@ class Wires:
         self.symbolic_force = ca.Function("force", [x, q], [force])
         check_smooth(self.symbolic_heat)
         check_smooth(self.symbolic_force)
+        for law in laws:
+            check_symbols(law)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))
@@ -105,6 +109,7 @@ class Wires:
         self.rates_are_affine = ca.is_linear(heat_rates, ca.vertcat(x, V, D))
         self.torque_needs_angle = ca.depends_on(force, q)
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
+        self.are_linear = self.rates_are_affine and self.torque_is_affine
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""

@@ -116,12 +116,13 @@ def unit_temperature_rise(
     duty: np.ndarray, cooling: float, share: float, interval: float
 ) -> np.ndarray:
     """Return the rise (K), °C, after each step, of a wire whose a2 is one."""
-    from scipy.signal import lfilter  # slow to import
-
     silicone = heat.SILICONE_RATE
     steps = interval * np.array([[-cooling, cooling], [silicone * share, -silicone]]) + np.eye(2)
-    numerator = [interval, -interval * steps[1, 1]]
-    return lfilter(numerator, [1.0, -np.trace(steps), np.linalg.det(steps)], duty)
+    # The wire's rise follows the duty of this step and of the last one by two low-pass filters.
+    last_duty = np.append(0.0, duty[:-1])
+    driven = interval * (duty - steps[1, 1] * last_duty)
+    slow, fast = np.linalg.eigvals(steps)
+    return low_pass(low_pass(driven, slow, 1.0), fast, 1.0)
 
 
 def first_order_lag(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:
