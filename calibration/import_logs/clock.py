@@ -1,7 +1,6 @@
 """The times of a log's rows: units, midnight, restarts, coarse clocks, and a second file's."""
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from calibration.import_logs.evidence import correlation
 from calibration.import_logs.mapping import FRAMES, TIME_OF_DAY, TIME_UNITS, UNKNOWN, TimeColumn
@@ -199,6 +198,8 @@ def _smooth_times(times: np.ndarray, clock: float) -> np.ndarray:
 
     The clock's error, as far as rows come at one rate, is its mean over many of its steps.
     """
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
     smoothed = times.copy()
     gaps = np.flatnonzero(np.abs(np.diff(times)) > max(MIN_GAP, 3 * clock)) + 1
     for rows in np.split(np.arange(len(times)), gaps):
