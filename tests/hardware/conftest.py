@@ -3,6 +3,7 @@
 The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
 """
 
+import dataclasses
 import json
 import random
 import re
@@ -48,6 +49,14 @@ def small_limb() -> LimbParameters:
 def small_twin(seed=0, **options) -> LimbTwin:
     """Return an emulated limb like `small_limb`."""
     return LimbTwin(small_limb(), seed=seed, **options)
+
+
+def beginning(trajectory, num_knots):
+    """Return the first knots of a trajectory."""
+    signals = ("time", "reference", "duty", "joint_state", "wire_temperature")
+    signals = {name: getattr(trajectory, name) for name in (*signals, "measured_temperature")}
+    parts = {name: signal[..., :num_knots] for name, signal in signals.items()}
+    return dataclasses.replace(trajectory, **parts)
 
 
 @pytest.fixture(autouse=True)
