@@ -86,21 +86,18 @@ def band(trajectory: Trajectory) -> Band | None:
         initial.append(np.broadcast_to(values, (len(limbs), 1, num_wires)))
     open_loop = OpenLoop(duty[:, np.newaxis], ends[1], parameters.segments[0])
     temperature, reading, bend = open_loop.simulate(law, ambient[:, np.newaxis], initial, rubber)
-    temperature = temperature[:, :, 0]
-    reading = reading[:, :, 0]
-    bend = bend[:, :, 0]
 
     # Find the spread of the bends, with the error of the law's form.
     form_bend_deviation = MEAN_TO_DEVIATION * record.bend_error
-    bend_deviation = np.hypot(bend[:, 1:].std(axis=1), form_bend_deviation)
+    bend_deviation = np.hypot(bend[:, 0, 1:].std(axis=1), form_bend_deviation)
     sensor = parameters.segments[0].bend_sensor
     deviations = np.broadcast_arrays(bend_deviation, sensor.noise, sensor.drift)
     form_heat_deviation = MEAN_TO_DEVIATION * record.temperature_error
 
     def upper_quantile(signals: np.ndarray) -> np.ndarray:
-        """Return the quantile of the drawn limbs above the first limb, °C, of (.., limbs, W)."""
-        mean = signals[..., 1:, :].mean(axis=-2) - signals[..., 0, :]
-        deviation = np.hypot(signals[..., 1:, :].std(axis=-2), form_heat_deviation)
+        """Return the quantile of the drawn limbs above the first limb, °C, of (.., W, limbs)."""
+        mean = signals[..., 1:].mean(axis=-1) - signals[..., 0]
+        deviation = np.hypot(signals[..., 1:].std(axis=-1), form_heat_deviation)
         return np.maximum(0.0, mean) + READING_QUANTILE * deviation
 
     highest = reading.max(axis=0)
@@ -110,5 +107,5 @@ def band(trajectory: Trajectory) -> Band | None:
         bend_reading=BEND_QUANTILE * np.linalg.norm(deviations, axis=0),
         wire_temperature=upper_quantile(temperature).T,
         measured_temperature=upper_quantile(reading).T,
-        highest_readings=highest[0] + upper_quantile(highest),
+        highest_readings=highest[:, 0] + upper_quantile(highest),
     )

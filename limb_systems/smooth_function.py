@@ -318,6 +318,17 @@ class SmoothFunction:
     def curvature_places(self) -> np.ndarray:
         return _places(self._hessian)
 
+    def check_smooth(self) -> None:
+        """Raise LimbError if the function uses an operation that is not smooth."""
+        check_smooth(ca.Function("function", [self._point, *self._parameters], [self._values]))
+
+    def bound(self, points: np.ndarray, values: np.ndarray) -> Callable[[], None]:
+        """Return a function that evaluates points (P, n) from an array into values (Q, n).
+
+        The function has no parameters, and the arrays are contiguous.
+        """
+        return self._compiled_values.bound(points, values)
+
     def values(self, points: np.ndarray, *parameters: np.ndarray) -> np.ndarray:
         """Return the values (..., Q)."""
         (values,) = self._compiled_values(*_points_last(points, *parameters))

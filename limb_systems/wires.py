@@ -5,6 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from limb_systems.law_functions import check_symbols
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
@@ -97,6 +98,8 @@ class Wires:
         self.symbolic_force = ca.Function("force", [x, q], [force])
         check_smooth(self.symbolic_heat)
         check_smooth(self.symbolic_force)
+        for law in laws:
+            check_symbols(law)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))

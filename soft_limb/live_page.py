@@ -49,7 +49,6 @@ from soft_limb.reports.page import TEMPLATES, part
 
 LOOPBACK = "127.0.0.1"
 STARTUP_TIMEOUT = 60.0  # s, for the page's process on a busy computer
-MAX_REASON_LENGTH = 2000  # characters, which a pipe takes without a reader
 STOPPED = "stopped by Ctrl-C, by a signal or on the page"
 NO_REASON = (
     "the program ended without a reason: it was stopped while it planned, it was killed, or it "
@@ -162,9 +161,9 @@ class LivePage:
         self._unsent_header.flush()
         self._send(None)
 
-    def say(self, what: str) -> None:
+    def say(self, sentence: str) -> None:
         """Show a sentence on the present activity, until the next call."""
-        self._activity = what
+        self._activity = sentence
         self._send(None)
 
     def show(self, reading: Reading) -> None:
@@ -188,7 +187,7 @@ class LivePage:
         self._socket.close()
         assert self._process.stdin
         try:
-            self._process.stdin.write(reason.encode()[:MAX_REASON_LENGTH])
+            self._process.stdin.write(reason.encode())
             self._process.stdin.close()
         except OSError:
             died = True
@@ -257,6 +256,7 @@ class Run:
         self.last_message = time.monotonic()
         self.activity = message.activity
         self.is_running = message.reading is not None
+        # Keep the reading for the curves.
         if message.reading is None:
             return
         self.reading = message.reading
@@ -356,6 +356,7 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
     readings = list(readings)
     layout = LimbModel.of(header.parameters).layout
     columns_by_name = {"time": [reading.time for reading in readings]}
+    # Number the rows of each signal; a signal without readings is a gap.
     for name, size, scale in (
         ("bend_angle", layout.num_bends, 180.0 / np.pi),
         ("reference", layout.num_bends, 180.0 / np.pi),
@@ -363,10 +364,10 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
         ("duty", layout.num_wires, 1.0),
         ("applied_duty", layout.num_wires, 1.0),
     ):
-        rows = [getattr(reading, name) for reading in readings]
-        for i in range(size):
-            values = [math.nan if row is None else scale * row[i] for row in rows]
-            columns_by_name[f"{name}_{i}"] = values
+        gap = [math.nan] * size
+        rows = [getattr(reading, name) or gap for reading in readings]
+        for number, values in enumerate(scale * np.reshape(rows, (-1, size)).T):
+            columns_by_name[f"{name}_{number}"] = values.tolist()
     return columns_by_name
 
 
@@ -415,27 +416,22 @@ def panels(header: RunHeader) -> list[Panel]:
         }
     # Draw the limits of temperature as lines.
     ends = np.array([0.0, header.duration])
-    lines = (
-        (f"T_max {limits.maximum:g} °C", limits.maximum, T_MAX_COLOR, "dotted"),
-        (f"off at {header.limit:g} °C", header.limit, LIMIT_COLOR, "solid"),
-    )
-    return measured_panels(
-        header.parameters,
-        measured,
-        plan,
-        limits=[
-            Curve(name, ends, np.full(2, value), color, dash, 2.0)
-            for name, value, color, dash in lines
-        ],
-        bands=bands,
-    )
+
+    def limit_line(name: str, value: float, color: str, dash: str) -> Curve:
+        return Curve(f"{name} {value:g} °C", ends, np.full(2, value), color, dash, 2.0)
+
+    lines = [
+        limit_line("T_max", limits.maximum, T_MAX_COLOR, "dotted"),
+        limit_line("off at", header.limit, LIMIT_COLOR, "solid"),
+    ]
+    return measured_panels(header.parameters, measured, plan, limits=lines, bands=bands)
 
 
 def state(run: Run) -> str:
     """Return the line on top, HTML: state of the wires or reason of the end, activity, alarms."""
     # Choose the first state that applies; the colour is red for failures.
     silence = time.monotonic() - run.last_message
-    board = run.reading.board if run.reading is not None else None
+    sample = run.reading.sample if run.reading is not None else None
     kind = "off"
     if run.end_reason:
         kind = "off" if run.end_reason == DONE else "bad"
@@ -445,14 +441,14 @@ def state(run: Run) -> str:
     elif silence > SILENCE_TIMEOUT:
         kind = "bad"
         text = f"No reading of the limb for {silence:.0f} s"
-    elif board is None:
+    elif sample is None:
         kind = "armed"
         text = "Running"
-    elif board.armed:
+    elif sample.armed:
         kind = "armed"
         text = "Armed: wires may be heated"
     else:
-        text = f"Wires off: {board.reason}"
+        text = f"Wires off: {sample.reason_text}"
     return part("state", kind, text, run.activity, alarms(run))
 
 
@@ -462,6 +458,7 @@ def alarms(run: Run) -> list[tuple[str, str]]:
         return []
     parameters = run.header.parameters
     limits = parameters.temperature_limits
+    # Compare the readings with T_max and the limit at which the heaters go off.
     wire_alarms = []
     for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
         is_too_hot = value >= min(limits.measured_maximum, run.header.limit)
@@ -488,10 +485,10 @@ def facts(run: Run) -> str:
             rows.append((name, [f"{value:.{digits}f}" for value in values]))
 
     if reading is not None:
-        board = reading.board
+        sample = reading.sample
         # A table with a column for each wire.
         add("reading V, °C", reading.measured_temperature, 1)
-        add("at most, by its duty, °C", board.warmest if board else None, 0)
+        add("at most, by its duty, °C", sample.warmest if sample else None, 0)
         if run.is_running:  # else the last duty is no longer applied
             add("duty", reading.duty, 2)
             add("duty applied", reading.applied_duty, 2)
@@ -499,8 +496,8 @@ def facts(run: Run) -> str:
         bends = ", ".join(f"{np.rad2deg(bend):+.1f}°" for bend in reading.bend_angle)
         lines.append(f"φ {bends}")
         lines.append(f"{reading.time:.1f} s of {header.duration:g} s")
-        if board is not None:
-            lines.append(f"{board.lost_samples} samples lost")
+        if sample is not None:
+            lines.append(f"{reading.lost_samples} samples lost")
     if header.band is not None:
         lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
     names = [name.replace("_", " ") for name in header.parameters.wire_names]

@@ -251,14 +251,14 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
     supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
     bends = _simulate_limbs([limb, *limbs], low * shares[:, sides], supplies)[1]
     members = np.arange(1, len(limbs) + 1)
-    distances = np.abs(bends[:, members, 1 + members % 2] - bends[:, :1, 0]).mean(axis=0)
+    distances = np.abs(bends[:, 1 + members % 2, members] - bends[:, 0, :1]).mean(axis=0)
     return float(np.sqrt((distances**2).mean())), float(np.ptp(bends[:, 0, 0]))
 
 
 def _simulate_limbs(
     limbs: Sequence[LimbParameters], duty: np.ndarray, supplies: Sequence[float] = (1.0,)
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of B cold limbs in R runs each.
+    """Simulate T (S, W, B), °C, and φ (K + 1, R, B), rad, of B cold limbs in R runs each.
 
     Args:
         limbs: the limbs (B), of one segment of W wires.
@@ -275,7 +275,7 @@ def _simulate_limbs(
     courses = np.multiply.outer(supplies, duty).swapaxes(0, 1)
     open_loop = OpenLoop(courses, STEP, limbs[0].segments[0])
     temperature, _, bend = open_loop.simulate(law, rooms, [*start, room], rubber)
-    return temperature, bend
+    return temperature, bend.reshape(-1, *rooms.T.shape)
 
 
 def next_recording(fit: LawFit | None, kinds: Collection[str], sag: str = "") -> str:

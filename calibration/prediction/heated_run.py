@@ -93,10 +93,15 @@ class HeatedRun:
 
     def interpolated(self, signals: np.ndarray) -> np.ndarray:
         """Interpolate signals from the ends of steps (K + 1, ...) to the samples (M, ...)."""
-        steps = self.times / STEP
-        before = np.minimum(steps.astype(int), len(signals) - 2)
-        after = (steps - before).reshape(-1, *[1] * (signals.ndim - 1))
+        before, share = self.steps_before()
+        after = share.reshape(-1, *[1] * (signals.ndim - 1))
         return signals[before] * (1 - after) + signals[before + 1] * after
+
+    def steps_before(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the step in which each sample is (M,), and the share of it before the sample."""
+        steps = self.times / STEP
+        indices = np.minimum(steps.astype(int), len(self.duty) - 1)
+        return indices, steps - indices
 
     def last_part_start(self, min_share: float, max_share: float) -> float:
         """Return when the last part begins, s.

@@ -45,7 +45,7 @@ def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class OpenLoopInSpace(OpenLoop):
-    """`OpenLoop` of a segment of two axes, whose bends (K + 1, B, R, 2) are as its sensor reads.
+    """`OpenLoop` of a segment of two axes, whose bends (S, 2, B) are as its sensor reads.
 
     Its `simulate` takes as ``rubber`` of each set: ``stiffness``, ``stiffness_ratio``,
     ``rest_angle``, ``rest_angle_e3``, the sensor's ``roll`` (B,), ``angle``, of each wire (B, W),
@@ -80,51 +80,50 @@ class OpenLoopInSpace(OpenLoop):
 
     def _bends(
         self,
-        straight_torques: np.ndarray,
+        torques: np.ndarray,
         rubber: Mapping[str, np.ndarray],
         torques_at_theta: Callable[[np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
-        """Return the bends (K + 1, B, R, 2), rad, under torques of the wires on straight links."""
+        """Return the bends (S, 2, B), rad, under torques of the wires on straight links."""
         # Add the wires' torques, over k, towards E2 and E3.
-        levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
-        pulls = straight_torques.swapaxes(0, 1) @ levers[:, None]
-        pulls /= rubber["stiffness"][:, None, None, None]
+        levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])]).T  # (W, B, 2)
+        pulls = np.einsum("swb,wbf->bsf", torques, levers)
+        pulls /= rubber["stiffness"][:, None, None]
         if "shift" in rubber:
             # The bend that each wire would hold alone.
             springs = rubber["stiffness"][:, None] * _springs(rubber)
-            by_torque = np.linalg.norm(levers / springs[:, None], axis=-1)
+            by_torque = np.linalg.norm(levers / springs, axis=-1)
             by_torque *= self._chain.bend_by_equal_angle
-            bends_alone = by_torque[:, None] * straight_torques
-            shifts = self._rest_shifts(bends_alone, levers, rubber).swapaxes(0, 1)
-            pulls += _springs(rubber)[:, None, None] * shifts / self._chain.bend_by_equal_angle
+            shifts = self._rest_shifts(by_torque * torques, levers.swapaxes(1, 2), rubber)
+            shifts = shifts.transpose(2, 0, 1) / self._chain.bend_by_equal_angle
+            pulls += _springs(rubber)[:, None] * shifts
         # Find the bends in each mounting, and turn them as the sensor is rolled.
         bends = np.empty_like(pulls)
+        mountings = self._mounting[self.rows.sequence]
         for number, balance in enumerate(self._balances):
-            runs = np.flatnonzero(self._mounting == number)
-            bends[:, :, runs] = self._interpolated(balance, pulls[:, :, runs], rubber)
-        read_bends = roll_bends(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
-        return np.moveaxis(read_bends, 0, -1)
+            is_mounted = mountings == number
+            bends[:, is_mounted] = self._interpolated(balance, pulls[:, is_mounted], rubber)
+        return roll_bends(bends.transpose(2, 1, 0), rubber["roll"]).swapaxes(0, 1)
 
     def _interpolated(
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Return the bends (B, ..., 2), rad, by torques over k towards E2 and E3 (B, ..., 2)."""
+        """Return the bends (B, S, 2), rad, by torques over k towards E2 and E3 (B, S, 2)."""
         # Solve equilibria at points in the disc of torques that occur.
         sizes = np.linalg.norm(pulls, axis=-1, keepdims=True)
         max_pulls = (
-            np.minimum(sizes.max(axis=(1, 2, 3)), MAX_HELD_BEND * self._mechanics.shape.max())
-            + 1e-9
+            np.minimum(sizes.max(axis=(1, 2)), MAX_HELD_BEND * self._mechanics.shape.max()) + 1e-9
         )
-        ranges = max_pulls[:, None, None, None]
+        ranges = max_pulls[:, None, None]
         points, terms, weights = self._disc
-        held_bends = self.held(balance, ranges[:, 0] * points, rubber)
+        held_bends = self.held(balance, ranges * points, rubber)
         # Evaluate the polynomial through these points at all torques.
         coefficients = np.zeros((len(pulls), 2, *terms.shape))
         coefficients[:, :, terms] = (weights @ held_bends).swapaxes(1, 2)
-        scaled_pulls = (pulls / np.maximum(sizes, ranges)).reshape(len(pulls), 1, -1, 2)
+        scaled_pulls = (pulls / np.maximum(sizes, ranges))[:, None]
         series = chebvander(scaled_pulls, DEGREE)
         bends = ((series[..., 0, :] @ coefficients) * series[..., 1, :]).sum(axis=-1)
-        return bends.swapaxes(1, 2).reshape(pulls.shape)
+        return bends.swapaxes(1, 2)
 
     def held(
         self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]

@@ -31,7 +31,9 @@ from calibration.prediction.unknowns import (
     values_of,
 )
 from limb_systems import LimbParameters, RestMemory, SegmentParameters, WireLaw
-from limb_systems.monte_carlo import OpenLoop, parameter_owner, with_fields
+from limb_systems.law_functions import with_fields
+from limb_systems.monte_carlo import OpenLoop, parameter_owner
+from limb_systems.ragged_rows import RaggedRows
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
@@ -253,14 +255,16 @@ def fit_law(
         read |= run.counts[:, segment.axes :].any(axis=0)
     unknowns, unidentified = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
     problem = _FitProblem(law, runs, segment, ambient, unknowns, unidentified)
-    # Start from the optimum of a law that this law contains, or from a likelier start.
+    # Start from the optimum of this law, of a law that it contains, or from a likelier start.
     start_values: dict[str, float] = {}
     start_in_law = None
     if start is not None:
         start_values = dict(zip(start.names, start.fitted, strict=True))
-        if _is_fit_to(start, runs):
-            start_in_law = problem.contained(start)
-    x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
+        start_in_law = problem.contained(start)
+    if start_in_law is not None and start is not None and start.law is law:
+        x = start_in_law
+    else:
+        x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
     for number in range(NUM_PASSES[1]):
         # Fit, then weight residuals by what the law's form leaves, and fit again.
         x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
@@ -268,10 +272,10 @@ def fit_law(
         if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
             break
     fit = problem.fit_at(x)
-    # Return the start in place of a fit that is worse.
-    if start_in_law is None or start is None or fit.misfit <= start.misfit:
-        return fit
-    return problem.fit_at(start_in_law)
+    # Return the start in place of a fit to the same recordings that is worse.
+    if start_in_law is not None and start is not None and _is_fit_to(start, runs):
+        return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
+    return fit
 
 
 def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
@@ -348,21 +352,45 @@ class _FitProblem:
         # Signals that each recording has, and means that are outliers.
         self.reads_heat = False
         self.num_readings = 0
-        self._num_samples = 0  # of the longest recording
-        self._present_signals: list[np.ndarray] = []
         self._outliers: list[np.ndarray] = []
         for run in runs:
             self.reads_heat |= run.is_read
             self.num_readings += int((run.counts > 0).sum())
-            self._num_samples = max(self._num_samples, len(run.times))
-            self._present_signals.append(np.flatnonzero(run.counts.any(axis=0)))
             self._outliers.append(np.zeros(run.counts.T.shape, bool))
+        self._arrange_samples()
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
         sensor = segment.bend_sensor
         self._noises = ((sensor.noise, sensor.drift, BEND_DRIFT_TIME), TEMPERATURE_NOISE)
         self._forms = [*INITIAL_FORMS]
-        self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
+        self._simulated: tuple[np.ndarray, np.ndarray] = np.empty(0), np.empty(0)
         self._whiten()
+
+    def _arrange_samples(self) -> None:
+        """Set rows of the samples of all signals that recordings have, one sequence a signal."""
+        self._columns: list[tuple[int, int]] = []  # index of the run, and of its signal
+        for number, run in enumerate(self._runs):
+            for signal in np.flatnonzero(run.counts.any(axis=0)).tolist():
+                self._columns.append((number, signal))
+        self._samples = RaggedRows([len(self._runs[number].times) for number, _ in self._columns])
+        # The reading of each sample, and the simulated rows before and after it.
+        count = self._samples.count
+        self._readings = np.empty(count)
+        self._counts = np.empty(count)
+        self._rows_before = np.empty(count, int)
+        self._rows_after = np.empty(count, int)
+        self._shares_after = np.empty((count, 1))
+        self._signals = np.empty(count, int)
+        self._rows_of_run: list[list[np.ndarray]] = [[] for _ in self._runs]
+        for (number, signal), rows in zip(self._columns, self._samples.of_sequence, strict=True):
+            run = self._runs[number]
+            before, share = run.steps_before()
+            self._readings[rows] = run.signals[:, signal]
+            self._counts[rows] = run.counts[:, signal]
+            self._rows_before[rows] = self._open_loop.rows.of_sequence[number][before]
+            self._rows_after[rows] = self._open_loop.rows.of_sequence[number][before + 1]
+            self._shares_after[rows, 0] = share
+            self._signals[rows] = signal
+            self._rows_of_run[number].append(rows)
 
     def _initial_prior(self, run: HeatedRun, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the expected initial conditions of a recording (Q,), and their spreads (Q,).
@@ -398,30 +426,25 @@ class _FitProblem:
     def _whiten(self) -> None:
         """Set the noise of the residuals, of each signal of each recording that has samples."""
         self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by this noise
-        num_signals = sum(map(len, self._present_signals))
-        times = np.zeros((self._num_samples, num_signals))
-        sample_variance = np.full(times.shape, np.inf)
-        sizes = np.empty((2, num_signals))
-        memories = np.empty((2, num_signals))
-        column = 0
-        for run, outliers, signals in zip(
-            self._runs, self._outliers, self._present_signals, strict=True
-        ):
-            num_samples = len(run.times)
-            times[:num_samples, column : column + len(signals)] = run.times[:, None]
-            for signal in signals:
-                # Variance of each mean; outliers count for almost nothing.
-                is_reading = int(signal >= self._num_bends)
-                sample, drift, drift_time = self._noises[is_reading]
-                counts = run.counts[:, signal]
-                variance = sample**2 / np.maximum(counts, 1) + 1e-12
-                variance += (100 * sample * outliers[signal]) ** 2
-                sample_variance[:num_samples, column] = np.where(counts > 0, variance, np.inf)
-                form, form_time = self._forms[is_reading]
-                sizes[:, column] = drift, form
-                memories[:, column] = drift_time, form_time
-                column += 1
-        self._noise = ResidualNoise(times, sample_variance, sizes, memories)
+        times = np.empty(self._samples.count)
+        sample_variance = np.empty(self._samples.count)
+        sizes = np.empty((2, len(self._columns)))
+        memories = np.empty((2, len(self._columns)))
+        for column, (number, signal) in enumerate(self._columns):
+            # Variance of each mean; outliers count for almost nothing.
+            run = self._runs[number]
+            is_reading = int(signal >= self._num_bends)
+            sample, drift, drift_time = self._noises[is_reading]
+            counts = run.counts[:, signal]
+            variance = sample**2 / np.maximum(counts, 1) + 1e-12
+            variance += (100 * sample * self._outliers[number][signal]) ** 2
+            rows = self._samples.of_sequence[column]
+            times[rows] = run.times
+            sample_variance[rows] = np.where(counts > 0, variance, np.inf)
+            form, form_time = self._forms[is_reading]
+            sizes[:, column] = drift, form
+            memories[:, column] = drift_time, form_time
+        self._noise = ResidualNoise(self._samples, times, sample_variance, sizes, memories)
 
     def reweigh(self, x: np.ndarray) -> float:
         """Fit the size and the memory of the form's errors to the residuals at x; mark outliers.
@@ -489,32 +512,36 @@ class _FitProblem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which this law predicts as the law of a fit does; None if there is none."""
+        """Return x with which this law predicts as the law of a fit does; None if there is none.
+
+        Recordings that the fit does not have start as expected.
+        """
         # Take each unknown from the fit, or the value with which it has no effect.
-        former_values = dict(zip(fit.names, fit.fitted, strict=True))
+        former_unknowns = dict(zip(fit.names, fit.fitted, strict=True))
         x = self.center.copy()
         for index, unknown in enumerate(self._unknowns):
             name = unknown.name
             owner, _, field = name.rpartition(".")
-            if name not in former_values and field in FORMER_FIELDS:
+            if name not in former_unknowns and field in FORMER_FIELDS:
                 name = f"{owner}.{FORMER_FIELDS[field]}"
-            x[index] = former_values.pop(name, ABSENT_VALUES.get(field, x[index]))
-        if former_values:
+            x[index] = former_unknowns.pop(name, ABSENT_VALUES.get(field, x[index]))
+        if former_unknowns:
             return None
         size = len(self._unknowns)
         x[:size] = self._inside_bounds(x[:size])
-        # The ambient temperature, the states that both laws have, and others of cold wires.
-        initial_conditions = x[size:].reshape(len(self._runs), -1)
-        initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
-        states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-        former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-        cold_states = np.transpose([self._law().cold_states(T0) for T0 in fit_T0])
-        for row, state in enumerate(self._law.states):
-            if state in fit.law.states:
-                states[:, row] = former[:, list(fit.law.states).index(state)]
-            else:
-                states[:, row] = cold_states[row][:, None]
-        initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
+        # The initial conditions of each recording, or of another part of it, that the fit has: the
+        # ambient temperature, the states that both laws have, and others of cold wires.
+        for run, values in zip(self._runs, x[size:].reshape(len(self._runs), -1), strict=True):
+            for predicted, former_values in zip(fit.predicted, fit.initial_conditions, strict=True):
+                if predicted.run.duty is not run.duty:
+                    continue
+                values[0] = former_values[0]
+                states = values[1:].reshape(-1, self._num_wires)
+                former = former_values[1:].reshape(-1, self._num_wires)
+                states[:] = np.array(self._law().cold_states(values[0]))[:, None]
+                for row, state in enumerate(self._law.states):
+                    if state in fit.law.states:
+                        states[row] = former[list(fit.law.states).index(state)]
         return x
 
     def _inside_bounds(self, values: np.ndarray) -> np.ndarray:
@@ -525,15 +552,15 @@ class _FitProblem:
 
     def hottest(self, x: np.ndarray) -> np.ndarray:
         """Return the highest T of each wire (W,), °C, for one x."""
-        return self._simulate_states(x[None])[0].max(axis=(0, 1, 2))
+        return self._simulate_states(x[None])[0].max(axis=(0, 2))
 
     def _simulate_states(
         self, x: np.ndarray, *, near_first: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Simulate parameter sets x (B, P + R Q), over K steps of the longest recording.
+        """Simulate parameter sets x (B, P + R Q), in the S rows of the open loop.
 
         Returns:
-            T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R) or (K + 1, B, R, 2), rad.
+            T and V (S, W, B), °C, and φ (S, F, B), rad.
         """
         size = len(self._unknowns)
         num_wires = self._num_wires
@@ -563,15 +590,10 @@ class _FitProblem:
             law, initial_conditions[:, :, 0], initial, rubber, near_first=near_first
         )
 
-    def _simulate(self, x: np.ndarray, *, near_first: bool = False) -> list[np.ndarray]:
-        """Simulate φ and V of each recording (M, B, F + W) for parameter sets x (B, P + R Q)."""
+    def _simulate(self, x: np.ndarray, *, near_first: bool = False) -> np.ndarray:
+        """Simulate φ and V (S, F + W, B) for parameter sets x (B, P + R Q)."""
         _, readings, bends = self._simulate_states(x, near_first=near_first)
-        bends = bends.reshape(*readings.shape[:-1], self._num_bends)
-        signals = np.concatenate([bends, readings], axis=-1)
-        return [
-            run.interpolated(signals[: len(run.duty) + 1, :, number])
-            for number, run in enumerate(self._runs)
-        ]
+        return np.concatenate([bends, readings], axis=1)
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
         """Return all recordings as they are predicted with one x."""
@@ -579,34 +601,27 @@ class _FitProblem:
         if not np.array_equal(simulated_x, x):
             signals = self._simulate(x[None])
         result = []
-        for run, run_signals in zip(self._runs, signals, strict=True):
-            bends, readings = np.split(run_signals[:, 0], [self._num_bends], axis=1)
+        for run, rows in zip(self._runs, self._open_loop.rows.of_sequence, strict=True):
+            run_signals = run.interpolated(signals[rows, :, 0])
+            bends, readings = np.split(run_signals, [self._num_bends], axis=1)
             result.append(Predicted(run, readings, bends))
         return result
 
-    def _whitened(self, simulated: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the whitened residuals of each recording (all M, B), zero where missing.
+    def _whitened(self, simulated: np.ndarray) -> np.ndarray:
+        """Return the whitened residuals of all samples (all M, B), zero where missing.
 
         Args:
-            simulated: φ and V of each recording, by `_simulate`.
+            simulated: φ and V by `_simulate`.
         """
-        # Collect the residuals of all signals.
-        num_signals = sum(map(len, self._present_signals))
-        residuals = np.zeros((self._num_samples, num_signals, simulated[0].shape[1]))
-        columns = []
-        column = 0
-        for run, present, signals in zip(self._runs, self._present_signals, simulated, strict=True):
-            columns.append(slice(column, column := column + len(present)))
-            errors = (signals - run.signals[:, None]).swapaxes(1, 2)[:, present]
-            is_missing = run.counts[:, present] == 0
-            errors[is_missing] = 0.0
-            residuals[: len(run.times), columns[-1]] = errors
-        # Whiten them, and sort them by recordings.
-        whitened = self._noise.whiten(residuals)
-        result = []
-        for run, chosen in zip(self._runs, columns, strict=True):
-            result.append(whitened[: len(run.times), chosen].reshape(-1, residuals.shape[2]))
-        return result
+        # Interpolate between the ends of steps.
+        before = simulated[self._rows_before, self._signals]
+        residuals = simulated[self._rows_after, self._signals]
+        residuals -= before
+        residuals *= self._shares_after
+        residuals += before
+        residuals -= self._readings[:, None]
+        residuals[self._counts == 0] = 0.0
+        return self._noise.whiten(residuals)
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
         """Return the residuals of the prior at x (P + R Q,)."""
@@ -615,26 +630,27 @@ class _FitProblem:
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
     def best_start(self, values: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
-        """Return the x with the least cost, of random starts and of three given ones.
+        """Return the x with the least cost, of some starts.
 
         Args:
             values: values of the unknowns (P), for example of a former fit.
             contained: x with which a former fit is repeated; None if it cannot be.
         """
         size = len(self._unknowns)
-        # The expected values, a former fit's and random draws from the prior.
-        starts = np.tile(self.center, (NUM_STARTS, 1))
+        # The expected values, a former fit's, and its x or random draws from the prior.
+        num_starts = NUM_STARTS if contained is None else 3
+        starts = np.tile(self.center, (num_starts, 1))
         starts[0, :size] = values
         if contained is not None:
             starts[-1] = contained
-        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 3, size))
-        starts[2:-1, :size] += random * self.spread[:size]
+        else:
+            random = np.random.default_rng(0).standard_normal((num_starts - 2, size))
+            starts[2:, :size] += random * self.spread[:size]
         starts[:, :size] = self._inside_bounds(starts[:, :size])
         # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has
             costs = np.array([(self._beforehand(x) ** 2).sum() for x in starts])
-            for readings in self._whitened(self._simulate(starts)):
-                costs += (readings**2).sum(axis=0)
+            costs += (self._whitened(self._simulate(starts)) ** 2).sum(axis=0)
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
 
     def optimum(
@@ -712,7 +728,8 @@ class _FitProblem:
         errors = []
         rows = []
         column = size
-        for run_residuals in whitened:
+        for run_rows in self._rows_of_run:
+            run_residuals = whitened[np.concatenate(run_rows)]
             columns = slice(column, column := column + count)
             changes = run_residuals[:, 1:] - run_residuals[:, :1]
             slopes = changes / np.concatenate([step[:num_moved], step[columns]])

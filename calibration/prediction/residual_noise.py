@@ -2,63 +2,70 @@
 
 import numpy as np
 
+from limb_systems.ragged_rows import RaggedRows
+
 
 class ResidualNoise:
-    """White noise and two Ornstein-Uhlenbeck processes in each of N signals, of M samples at most.
+    """White noise and two Ornstein-Uhlenbeck processes in each of N signals of M samples in all.
 
     A Kalman filter of both processes takes from each residual what the residuals before it tell,
     and so it whitens them in a time that grows with their number alone.
 
     Args:
-        times: times of the samples (M, N), s.
-        sample_variance: variance of the white noise (M, N); inf where a sample is missing.
+        rows: rows of the samples of all signals.
+        times: times of the samples (M,), s.
+        sample_variance: variance of the white noise (M,); inf where a sample is missing.
         sizes: standard deviations of the processes (2, N).
         memories: times within which the processes stay alike (2, N), s.
     """
 
     def __init__(
         self,
+        rows: RaggedRows,
         times: np.ndarray,
         sample_variance: np.ndarray,
         sizes: np.ndarray,
         memories: np.ndarray,
     ):
-        num_samples, num_signals = times.shape
-        gaps = np.diff(times, axis=0, append=times[-1:])
-        self._decays = np.exp(-gaps[:, None] / memories)
-        self._gains = np.empty((num_samples, 2, num_signals))
-        self._scales = np.empty((num_samples, num_signals))
+        self._blocks = rows.blocks
+        gaps = times[rows.blocks[0].stop :] - times[rows.before]
+        self._decays = np.ones((2, rows.count))  # since the sample before
+        self._decays[:, rows.blocks[0].stop :] = np.exp(
+            -gaps / memories[:, rows.sequence[rows.blocks[0].stop :]]
+        )
+        self._gains = np.empty((2, rows.count))
+        self._scales = np.empty(rows.count)
+        signals = rows.sequence[rows.blocks[0]]
+        variances = sizes[:, signals] ** 2
         processes = np.arange(2)
-        covariance = np.zeros((2, 2, num_signals))
-        covariance[processes, processes] = sizes**2
-        for number, decay in enumerate(self._decays):
+        covariance = np.zeros((2, 2, len(signals)))
+        covariance[processes, processes] = variances
+        for block in rows.blocks:
+            # Forget since the sample before.
+            num_signals = block.stop - block.start
+            decay = self._decays[:, block]
+            covariance = covariance[..., :num_signals] * decay[:, None] * decay
+            covariance[processes, processes] += variances[:, :num_signals] * (1 - decay**2)
             # Learn from the sample.
             with_sum = covariance.sum(axis=0)
-            variance = with_sum.sum(axis=0) + sample_variance[number]
+            variance = with_sum.sum(axis=0) + sample_variance[block]
             gain = with_sum / variance
-            self._gains[number] = gain
-            self._scales[number] = 1 / np.sqrt(variance)
+            self._gains[:, block] = gain
+            self._scales[block] = 1 / np.sqrt(variance)
             covariance -= gain[:, None] * with_sum
-            # Forget until the next sample.
-            covariance *= decay[:, None] * decay
-            covariance[processes, processes] += sizes**2 * (1 - decay**2)
 
     def whiten(self, residuals: np.ndarray) -> np.ndarray:
-        """Return residuals (M, N, B) as independent numbers of variance one; 0 where missing."""
-        whitened = np.empty_like(residuals)
-        means = np.zeros((2, *residuals.shape[1:]))
-        steps = zip(
-            residuals,
-            self._gains[..., None],
-            self._scales[..., None],
-            self._decays[..., None],
-            whitened,
-            strict=True,
-        )
+        """Return residuals (M, B) as independent numbers of variance one; 0 where missing."""
+        innovations = residuals.copy()
+        gains = self._gains[..., None]
+        decays = self._decays[..., None]
+        means = np.zeros((2, self._blocks[0].stop, residuals.shape[1]))
         # Subtract from each residual what the residuals before it predict, and learn from the rest.
-        for residual, gain, scale, decay, result in steps:
-            innovation = residual - means[0] - means[1]
-            np.multiply(innovation, scale, out=result)
-            means += gain * innovation
-            means *= decay
-        return whitened
+        for block in self._blocks:
+            means = means[:, : block.stop - block.start] * decays[:, block]
+            innovation = innovations[block]
+            innovation -= means[0]
+            innovation -= means[1]
+            means += gains[:, block] * innovation
+        innovations *= self._scales[:, None]
+        return innovations

@@ -1,5 +1,6 @@
 """Evaluate emulated limbs, and write report, pictures and files."""
 
+import collections
 import dataclasses
 import json
 import os
@@ -23,22 +24,21 @@ from soft_limb.results.summaries import calibration_summary
 from soft_limb.runs.jobs import run_each
 
 
-def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = None) -> int:
+def reproduce_in(folder: Path, jobs: Sequence[Settings]) -> int:
     """Run the evaluation as a command: print its steps and tables, and write all files.
 
     Args:
         folder: folder for ``report.html``, pictures, and the files of `reproduce`.
         jobs: settings of each limb.
-        cluster: address of a Dask scheduler; processes on this machine if None.
 
     Returns:
         Exit status 0.
     """
     # Evaluate the limbs, and write figures and report.
     started = time.perf_counter()
-    summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
+    summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1)
     if len(jobs) == 1:
-        tell("5/5 drawing figures, and writing the report")
+        announce("5/5 drawing figures, and writing the report")
     _draw(folder, summaries, experiment)
     # Print the calibration, the distances and the files.
     print(f"\n{calibration_summary(experiment.calibration)}\n")
@@ -53,22 +53,22 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
 
 
 def reproduce(
-    jobs: Sequence[Settings], folder: Path, num_processes: int, cluster: str | None = None
+    jobs: Sequence[Settings], folder: Path, num_processes: int
 ) -> tuple[list[Summary], Experiment]:
     """Evaluate limbs: a single one in several processes, and several limbs one in each process.
 
     Args:
         jobs: settings of each limb.
         folder: folder for a folder of each limb, and for ``results.json`` of the complete limbs.
-        num_processes, cluster: as for `soft_limb.runs.jobs.run_each`.
+        num_processes: as for `soft_limb.runs.jobs.run_each`.
 
     Returns:
         The numbers of each job, and the first one's experiment.
     """
-    if len(jobs) == 1 and cluster is None:
-        experiments = iter([evaluate(jobs[0], num_processes, tell)])
+    if len(jobs) == 1:
+        experiments = iter([evaluate(jobs[0], num_processes, announce)])
     else:
-        experiments = run_each(evaluate, jobs, num_processes, cluster=cluster)
+        experiments = run_each(evaluate, jobs, num_processes)
     completed: dict[tuple[str, int], Summary] = {}
     first = None
     for experiment in experiments:
@@ -79,18 +79,21 @@ def reproduce(
             first = experiment
         # Save its files, and the numbers of all complete limbs.
         _save(experiment, folder / f"{_family(summary)}_{summary.seed}")
-        keys = [(job.physics, job.seed) for job in jobs]
-        done = [completed[key] for key in keys if key in completed]
-        data = [dataclasses.asdict(each) for each in done]
+        done = []
+        for job in jobs:
+            if (job.physics, job.seed) in completed:
+                done.append(completed[job.physics, job.seed])
+        data = list(map(dataclasses.asdict, done))
         text = json.dumps(data, indent=1, ensure_ascii=False)
         write_atomically(folder / "results.json", text)
+        # Print a line for each of several limbs.
         if len(jobs) > 1:
             print(f"{len(completed):>3} of {len(jobs)}: {_line(summary)}", flush=True)
     assert first is not None
     return done, first
 
 
-def tell(step: str) -> None:
+def announce(step: str) -> None:
     """Print the next step of a single limb."""
     print(f"{step} ...", flush=True)
 
@@ -106,13 +109,16 @@ def _family(summary: Summary) -> str:
 
 def _line(summary: Summary) -> str:
     """Return a line with a limb's mean distances from its plans, as read, by method."""
-    parts = []
-    for name in dict.fromkeys(name for ways in summary.ways.values() for name in ways):
-        errors = [ways[name].read for ways in summary.ways.values() if name in ways]
-        if name == LEARNING:
-            errors = [repetitions[-1].read for repetitions in summary.repetitions.values()]
-        parts.append(f"{name} {', '.join(f'{error:.1f}°' for error in errors)}")
-    if aborted := sum(way.aborted for ways in summary.ways.values() for way in ways.values()):
+    # Collect the mean error of each motion by method.
+    errors = collections.defaultdict(list)
+    aborted = 0
+    for motion, ways in summary.ways.items():
+        for name, way in ways.items():
+            aborted += way.aborted
+            read = summary.repetitions[motion][-1].read if name == LEARNING else way.read
+            errors[name].append(f"{read:.1f}°")
+    parts = [f"{name} {', '.join(texts)}" for name, texts in errors.items()]
+    if aborted:
         parts.append(f"{aborted} rollouts aborted")
     return f"{_family(summary)} {summary.seed}: {'; '.join(parts)}"
 
@@ -147,6 +153,7 @@ def _save(experiment: Experiment, folder: Path) -> None:
     experiment.calibration.parameters.save(folder / "limb.yaml")
     data = {"calibrated limb": folder / "limb.yaml", **{path.stem: path for path in recordings}}
     write_calibration_report(experiment.calibration, folder / "calibration.html", data)
+    # Save the plans and rollouts of each motion.
     for motion, ways in experiment.ways.items():
         motion_folder = folder / motion.replace("&", "_and_").replace(" ", "_").lower()
         if motion in experiment.taught:

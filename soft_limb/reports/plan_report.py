@@ -69,6 +69,7 @@ def rollout_verdict(rollout: Rollout, summary: Summary) -> str:
             f"Interrupted at {recording.time[-1]:.1f} s of {rollout.trajectory.duration:.1f} s: "
             f"{recording.interrupted.rstrip('.')}."
         )
+    # Tell how near the limb came, and what is in doubt.
     distances = summary.texts()["reference"]
     sentences.append(f"{distances[0].upper()}{distances[1:]}.")
     if warning := far_from_reference(rollout.trajectory):
@@ -99,6 +100,7 @@ def write_rollout_report(
 
 def learning_verdict(learner: Learner) -> str:
     """Return the distances of the first and the last repetition, and why learning ended."""
+    # Compare the first repetition with the last.
     distances = np.rad2deg([repetition.reference_distance for repetition in learner.repetitions])
     first = f"Mean distance from the reference: {distances[0]:.2f}° in the first repetition"
     if len(distances) > 1:
@@ -121,31 +123,33 @@ def write_learning_report(
         state: file of the learner.
         path: path of the page.
     """
-    # Draw the errors of all repetitions, and the first and the last recording.
-    numbers = sorted(recordings)
-    first = Recording.load(recordings[numbers[0]])
-    last = Recording.load(recordings[numbers[-1]])
-    distances = [repetition.reference_distance for repetition in learner.repetitions]
-    errors = [repetition.mean_error for repetition in learner.repetitions]
-    panels = repetition_panels(learner.trajectory, distances, errors, first, last)
-    # List them in a table.
+    # List the errors of all repetitions.
+    distances = []
+    errors = []
     rows = []
     for number, repetition in enumerate(learner.repetitions, 1):
+        distances.append(repetition.reference_distance)
+        errors.append(repetition.mean_error)
         distance = f"{np.rad2deg(repetition.reference_distance):.2f}"
         error = f"{np.rad2deg(repetition.mean_error):.2f}"
         remark = "; ".join(filter(None, [repetition.interrupted, repetition.remark]))
         rows.append([str(number), distance, error, remark])
-    # Write the page.
+    # Draw them, and the first and the last recording.
+    numbers = sorted(recordings)
+    first = Recording.load(recordings[numbers[0]])
+    last = Recording.load(recordings[numbers[-1]])
     learned = page.chart(
-        panels,
+        repetition_panels(learner.trajectory, distances, errors, first, last),
         "Mean distances of each repetition; bend angle in the first, in the last and in the plan",
     )
     tracked = page.chart(
         tracking_panels(learner.trajectory, [last]),
         "Bend angle, temperatures and duty of the plan and the last repetition",
     )
+    # Write the page, with links to all recordings.
     data = {"state of learning": state}
-    data |= {f"repetition {number}": recordings[number] for number in numbers}
+    for number in numbers:
+        data[f"repetition {number}"] = recordings[number]
     header = ["repetition", "mean |φ_REF − φ|, °", "mean |φ* − φ|, °", "remark"]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),

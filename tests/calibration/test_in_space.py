@@ -135,7 +135,8 @@ def test_the_open_loop_in_space_shows_exact_equilibria():
     angles = np.concatenate([LimbModel.of(each).statics.angles(hot) for each in limbs])
     exact = own.bend_sensor.apparent_bends(chain, angles.T).T
     assert np.rad2deg(np.linalg.norm(exact, axis=1)).max() > 45.0
-    assert np.rad2deg(np.abs(bends[0, 0] - exact)).max() < 0.03
+    at_start = bends[: len(loads), :, 0]
+    assert np.rad2deg(np.abs(at_start - exact)).max() < 0.03
 
 
 def test_thermocouples_are_those_of_their_own_wires():
@@ -183,7 +184,7 @@ def test_the_memory_of_the_rest_angle_is_that_of_the_model():
         LimbModel.of(limb).mechanics.chains[0], LimbModel.of(limb).statics.angles(state[None, :3]).T
     )
     assert np.rad2deg(np.linalg.norm(shown - forgot)) > 1.0
-    assert np.rad2deg(np.abs(bends[-1, 0, 0] - shown[:, 0])).max() < 0.1
+    assert np.rad2deg(np.abs(bends[-1, :, 0] - shown[:, 0])).max() < 0.1
 
 
 def test_bends_alone_tell_a_limb_that_bends_in_space(motion):

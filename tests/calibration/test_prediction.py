@@ -4,6 +4,7 @@ import dataclasses
 import functools
 from unittest import mock
 
+import casadi as ca
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
@@ -26,6 +27,7 @@ from limb_systems import (
     CoupledLaw,
     HystereticLaw,
     Limb,
+    LimbError,
     LimbParameters,
     LinearLaw,
     Recording,
@@ -36,6 +38,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.monte_carlo import OpenLoop, draw_limbs, parameter_owner, stack_limbs
+from limb_systems.ragged_rows import RaggedRows
 
 AMBIENT = 22.0
 LAWS = {
@@ -153,8 +156,8 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     _, readings, bends = open_loop.simulate(
         law, ambient[:, np.newaxis], [*cold, np.full((1, 1, 2), AMBIENT)], rubber
     )
-    signals = np.concatenate([bends[..., None], readings], axis=-1)
-    away = np.abs(run.interpolated(signals[:, 0, 0]) - run.signals)
+    signals = np.concatenate([bends, readings], axis=1)
+    away = np.abs(run.interpolated(signals[..., 0]) - run.signals)
     assert away[:, 1:].max() < 0.8
     assert np.rad2deg(away[:, 0]).mean() < 0.1
 
@@ -177,29 +180,32 @@ def test_sets_near_the_first_are_simulated_by_its_derivatives():
         for near_first in (False, True)
     )
     for each, one in zip(exact, linear, strict=True):
-        change = each - each[:, :1]
-        np.testing.assert_allclose(one[:, 0], each[:, 0], rtol=1e-12)
-        np.testing.assert_allclose(one - one[:, :1], change, atol=0.01 * np.abs(change).max())
+        change = each - each[..., :1]
+        np.testing.assert_allclose(one[..., 0], each[..., 0], rtol=1e-12)
+        np.testing.assert_allclose(one - one[..., :1], change, atol=0.01 * np.abs(change).max())
 
 
 def test_residuals_are_whitened_by_their_covariance():
     """Against the Cholesky factor of the whole covariance, with samples that are missing."""
     random = np.random.default_rng(0)
-    times = np.cumsum(random.uniform(0.2, 1.0, (40, 2)), axis=0)
-    variance = random.uniform(0.1, 1.0, (40, 2))
-    variance[5, 0] = variance[35:, 1] = np.inf
+    rows = RaggedRows([35, 40])
+    times = np.empty(75)
+    for own in rows.of_sequence:
+        times[own] = np.cumsum(random.uniform(0.2, 1.0, len(own)))
+    variance = random.uniform(0.1, 1.0, 75)
+    variance[rows.of_sequence[0][5]] = np.inf
     sizes, memories = np.array([[0.5, 0.4], [1.0, 2.0]]), np.array([[300.0, 120.0], [8.0, 0.4]])
-    residuals = np.where(np.isinf(variance), 0.0, random.standard_normal((40, 2)))[..., None]
-    whitened = ResidualNoise(times, variance, sizes, memories).whiten(residuals)
-    for signal in range(2):
-        present = np.isfinite(variance[:, signal])
-        lags = np.abs(times[present, signal][:, None] - times[present, signal])
-        covariance = np.diag(variance[present, signal])
+    residuals = np.where(np.isinf(variance), 0.0, random.standard_normal(75))[:, None]
+    whitened = ResidualNoise(rows, times, variance, sizes, memories).whiten(residuals)
+    for signal, own in enumerate(rows.of_sequence):
+        present = own[np.isfinite(variance[own])]
+        lags = np.abs(times[present][:, None] - times[present])
+        covariance = np.diag(variance[present])
         for size, memory in zip(sizes[:, signal], memories[:, signal], strict=True):
             covariance += size**2 * np.exp(-lags / memory)
-        expected = np.linalg.solve(np.linalg.cholesky(covariance), residuals[present, signal])
-        np.testing.assert_allclose(whitened[present, signal], expected, atol=1e-12)
-        assert not whitened[~present, signal].any()
+        expected = np.linalg.solve(np.linalg.cholesky(covariance), residuals[present])
+        np.testing.assert_allclose(whitened[present], expected, atol=1e-12)
+    assert not whitened[~np.isfinite(variance)].any()
 
 
 @dataclasses.dataclass
@@ -218,13 +224,44 @@ class MatrixLaw(LinearLaw):
         return np.array([[self.a1, self.a2]]) @ np.array([x[0] - T0, D])
 
 
-@pytest.mark.parametrize("law", [RowsLaw, MatrixLaw])
+@dataclasses.dataclass
+class BranchLaw(LinearLaw):
+    """A lab's law with a branch on numbers, which symbols pass as nan, on its other side."""
+
+    def rates(self, x, D, T0):
+        if float(x[0]) > -40.0:
+            return super().rates(x, D, T0)
+        return [self.a2 * D - 10.0 * (x[0] - T0)]
+
+
+@dataclasses.dataclass
+class MaximumLaw(LinearLaw):
+    """A lab's law with a function that numpy has for arrays and symbols, and is not smooth."""
+
+    def rates(self, x, D, T0):
+        return super().rates([np.maximum(x[0], -40.0)], D, T0)
+
+
+@dataclasses.dataclass
+class CasadiLaw(LinearLaw):
+    """A lab's law with a function of CasADi, which takes no arrays."""
+
+    def rates(self, x, D, T0):
+        return super().rates([ca.fmax(x[0], -40.0)], D, T0)
+
+
+@pytest.mark.parametrize("law", [RowsLaw, MatrixLaw, BranchLaw, MaximumLaw, CasadiLaw])
 def test_a_law_that_takes_numbers_alone_is_fitted(law):
     run = HeatedRun.of(recording_of("linear", "motion_1"))
     fit, expected = (fit_law(each, [run], SEGMENT, AMBIENT) for each in (law, LinearLaw))
     assert fit.misfit == pytest.approx(expected.misfit, rel=1e-3)
     errors = np.sqrt(np.diag(expected.covariance))
     np.testing.assert_allclose(fit.fitted, expected.fitted, atol=0.02 * errors.max())
+
+
+def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
+    with pytest.raises(LimbError, match="BranchLaw gives other values with symbols"):
+        Limb(limb_with(BranchLaw))
 
 
 def test_draws_scatter_as_the_covariance_says(emulated_folder):

@@ -18,15 +18,14 @@ from hardware import replay
 from limb_systems import CoupledLaw, HystereticLaw, Limb, LimbError, LimbParameters, simulate
 from planners import Planner, Task, plan, references
 
+from .conftest import limb_of
+
 ONCE = Task(angle_weight=100.0, duty_weight=0.5, terminal_factor=1.0, duty_hold=0.0)
 
 
 def small_limb(law=None):
-    parameters = LimbParameters()
-    parameters.segments[0].links = 2
+    parameters = limb_of(law)
     parameters.temperature_limits.warm_up_time = 0.0
-    for wire in parameters.wires:
-        wire.law = law() if law else wire.law
     return parameters
 
 
@@ -262,8 +261,7 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
 
 
 def test_another_process_makes_the_same_plans_and_ends_with_its_owner(short_plan):
-    task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
-    here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
+    here, there = HorizonPlanner.of(short_plan), PlannerProcess(short_plan)
     first = here.first_horizon(short_plan)
     question = 0.3, first.heat[1], np.array([0.02]), first
     there.begin(*question)

@@ -9,6 +9,8 @@ from limb_systems.summary import Entry, Summary
 from walking.gait import Gait
 from walking.gait_check import find_fall, measure_strides
 
+FIRST_STRIDE_REMARK = "from the second on, as the first begins from straight limbs"
+
 
 def gait_summary(gait: Gait) -> Summary:
     """Summarize a gait: its motion, the contacts of its feet, its solver and its check."""
@@ -23,21 +25,27 @@ def gait_summary(gait: Gait) -> Summary:
     if check.solver:
         effort = f"in {check.iterations} iterations, {check.solve_time:.2f} s"
         solver = f"{check.solver}: {check.status} {effort}"
-    strides = [share for variation in check.spread for share in variation.strides]
-    fallen = [variation.what for variation in check.spread if variation.fall]
+    strides = []
+    fallen = []
+    for variation in check.spread:
+        strides += variation.strides
+        if variation.fall:
+            fallen.append(variation.what)
     spread = []
     if strides:
         spread.append(f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one")
     if fallen:
         spread.append(f"falls with {', '.join(fallen)}")
+    if hot := overheating_remark(gait):
+        spread.append(hot)
     steadiness = [
         f"{check.steadiness:.3g} x weight x limb length against pitch",
         "gaits of less are faster and tip over sooner",
         *([check.remark.rstrip(".")] if check.remark else []),
     ]
-    announced = ""
+    announced = FIRST_STRIDE_REMARK
     if check.made != 1.0:
-        announced = f"the stride of the simulation, {check.made:.1%} of the program's"
+        announced += f"; strides of the simulation, {check.made:.1%} of the program's"
     failure = None if check.is_missing else check.failure()
     return gait.summary() + Summary.of(
         {
@@ -54,6 +62,23 @@ def gait_summary(gait: Gait) -> Summary:
             "knots": len(gait.time),
             **dataclasses.asdict(check),
         },
+    )
+
+
+def overheating_remark(gait: Gait) -> str:
+    """Say on which varied robots a wire gets hotter than its limit; "" if on none."""
+    limit = gait.parameters.temperature_limits.maximum
+    hottest = 0.0
+    changes = []
+    for variation in gait.check.spread:
+        if variation.highest_temperature > limit:
+            hottest = max(hottest, variation.highest_temperature)
+            changes.append(variation.what)
+    if not changes:
+        return ""
+    return (
+        f"open loop, a wire reaches {hottest:.0f} °C, above its limit of {limit:g} °C, with "
+        f"{', '.join(changes)}; walk with feedback, which holds wires below their limit"
     )
 
 
@@ -79,12 +104,13 @@ def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summar
     # Put them into words.
     sentence = "none is whole"
     if len(strides):
-        sentence = ", ".join(f"{scale * stride:.1f}" for stride in strides) + unit
-        sentence += f" in {', '.join(f'{duration:.1f}' for duration in durations)} s"
+        sentence = ", ".join(map("{:.1f}".format, scale * strides)) + unit
+        sentence += f" in {', '.join(map('{:.1f}'.format, durations))} s"
     sentence += f"; {scale * planned:.1f}{unit} in {gait.period:.1f} s planned"
+    sentence += f" {FIRST_STRIDE_REMARK}"
     if fall:
         places = recording.body_pose[: 2 if gait.in_space else 1]
-        moved = [np.diff(np.interp([starts[0], end], recording.time, row))[0] for row in places]
+        moved = np.diff(recording.interpolated(places, np.array([starts[0], end])))
         fall += f", having travelled {1e3 * np.linalg.norm(moved):.1f} mm"
     entries = [
         Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", sentence),
