@@ -29,8 +29,7 @@ from lab_tables import STYLES, UNSEEN, table
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.import_logs.mapping import LogMapping, WireColumns
-from limb_systems import Limb, LimbParameters, Recording, simulate
-from limb_systems.bend_sensor import chord_angle
+from limb_systems import Limb, LimbParameters, Recording, SegmentParameters, simulate
 
 TOLERANCE = 0.03  # of a factor
 OFFSET = 5.0  # °, that a limb may be bent at rest
@@ -139,6 +138,11 @@ def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMappi
     return fixed, wrong
 
 
+def true_bend(joints: np.ndarray) -> np.ndarray:
+    """Return the angle of a limb's chord (K,), rad, of joint angles (n, K)."""
+    return SegmentParameters(links=len(joints)).chain.bend_angle(joints)[0]
+
+
 def error_of(limb: LimbParameters, truth: Truth, mirror: bool) -> tuple[float, float]:
     """Mean |φ - φ_sim| of the motion, degrees: as it is, and without a constant."""
     seed, physics, _, _, *rest = truth.drive
@@ -146,7 +150,7 @@ def error_of(limb: LimbParameters, truth: Truth, mirror: bool) -> tuple[float, f
     sides = [1 - SIDES.index(name) if mirror else SIDES.index(name) for name in limb.wire_names]
     held = PiecewisePolynomial.ZeroOrderHold(done.time, done.duty[sides])
     predicted = simulate(Limb(limb), held, sample_rate=lab_logs.RATE).bend_angle[0]
-    difference = np.rad2deg((-1 if mirror else 1) * predicted - chord_angle(done.joints))
+    difference = np.rad2deg((-1 if mirror else 1) * predicted - true_bend(done.joints))
     return np.abs(difference).mean(), np.abs(difference - np.median(difference)).mean()
 
 
@@ -154,7 +158,8 @@ def misread(recordings: list[Recording], truth: Truth, mirror: bool) -> float:
     """Mean distance of the bends in recordings from what the limb did, °, without a constant."""
     done = lab_logs.drive(*truth.drive)
     sides = [1 - s if mirror else s for s in (0, 1)]
-    bend, apart = (-1 if mirror else 1) * chord_angle(done.joints), []
+    bend = (-1 if mirror else 1) * true_bend(done.joints)
+    apart = []
     for recording in recordings:
         duty = np.zeros((2, len(recording.time)))
         for name, row in zip(recording.parameters.wire_names, recording.duty, strict=True):

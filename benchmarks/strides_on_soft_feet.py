@@ -19,7 +19,7 @@ from walking import Gait, RobotParameters, plan_gait
 from walking.commands.gaits import MIN_KEPT_STRIDE_SHARE, replan_gait
 from walking.gait_check import scale_limb, simulate_gait, with_friction
 from walking.in_mujoco import simulate_in_mujoco
-from walking.strides_in_space import fit_strides_in_space
+from walking.strides import fit_strides
 
 MARGIN = 5.0  # °C
 HIPS = 1e-3  # m
@@ -42,8 +42,8 @@ def replanned(gait: Gait, robot: RobotParameters) -> str:
     """Return what the fit to two strides says, and what strides of the new gait are, in words."""
     recording = simulate_in_mujoco(gait, robot, 2)
     # The wires have the gait's heat.
-    fit = fit_strides_in_space(gait, recording, 0.0, 2)
-    again, said = replan_gait(gait, fit)
+    fit = fit_strides(gait, recording, 0.0, 2)
+    again, said = replan_gait(gait, fit.robot)
     made = simulate_gait(again, "", robot, 2)
     shares = ", ".join(f"{share:.2f}" for share in made.strides)
     found = ", ".join(f"{name} {value.value:.3g}" for name, value in fit.estimates.items())

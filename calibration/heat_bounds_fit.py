@@ -74,11 +74,14 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     Args:
         recordings, described: as for `fit_heat_bounds`.
     """
-    heated_wires = [(wire, wire.rates) for wire in _wires(recordings, described) if wire.rates]
-    shares = [
-        rates.heating / wire.kind.most_heating * RATE_FACTORS["most_heating"]
-        for wire, rates in heated_wires
-    ]
+    # Compute the heat of each wire as a share of the heat that its description says.
+    heated_wires = []
+    shares = []
+    for wire in _wires(recordings, described):
+        if wire.rates:
+            heated_wires.append((wire, wire.rates))
+            share_of_most = wire.rates.heating / wire.kind.most_heating
+            shares.append(share_of_most * RATE_FACTORS["most_heating"])
     # Compare the wires with each other.
     largest_share = max(shares, default=np.inf)
     remarks = []
@@ -123,6 +126,7 @@ class _Wire(NamedTuple):
 
 
 def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]:
+    """Return the wires of a limb (W) with their heat in recordings."""
     recordings = list(recordings)
     wires = []
     for index, wire in enumerate(limb.wires):
@@ -132,13 +136,17 @@ def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]
             if not wire.heat_bounds:
                 raise
             kind = wire.heat_bounds
-        courses = [_WireHeat(each, index) for each in recordings if each.has_thermocouple[index]]
+        courses = []
+        for recording in recordings:
+            if recording.has_thermocouple[index]:
+                courses.append(_WireHeat(recording, index))
         rates = fit_heat_rates([(course.duty, course.rise, course.interval) for course in courses])
         wires.append(_Wire(wire.name, kind, courses, rates))
     return wires
 
 
 def _fit_wire(wire: _Wire, hottest: float, margin: float) -> HeatBounds:
+    """Return the bounds of a wire; ``hottest`` is the largest heating of all wires, °C/s."""
     kind = wire.kind
     rates = wire.rates
     if rates is None:
@@ -164,7 +172,7 @@ class _WireHeat:
 
     - ``duty``: duty in each step (K).
     - ``rise``: reading above the cold wire's reading, after each step (K), °C.
-    - ``averaged``: that rise, as the board averages it (K), °C.
+    - ``averaged``: the rise as the board averages it (K), °C.
     - ``interval``: duration of a step, s.
     """
 

@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -14,7 +14,6 @@ from calibration.recordings.at_rest import COLD_SPREAD, first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
 from limb_systems import Limb, LimbError, LimbModel, LimbParameters, Recording, simulate
-from limb_systems.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
@@ -95,7 +94,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     duty_in_force = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, duty_in_force)
     first = np.nan_to_num(first_readings(recording), nan=parameters.ambient_temperature)
-    angles = rest_joint_angles(parameters)
+    angles = LimbModel.of(parameters).mechanics.rest_angles
 
     def run(wires: np.ndarray, duration: float) -> Recording:
         state = np.concatenate([angles, np.zeros_like(angles), wires, first])
@@ -124,10 +123,10 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     simulation = run(wires, times[-1])
     assert simulation.joint_state is not None  # a model's
     mechanics = LimbModel.of(parameters).mechanics
-    seen_bends = [
-        bend_sensor_of(recording, segment).apparent_bends(chain, simulation.joint_state[joints])
-        for segment, (chain, joints) in enumerate(mechanics.chains_with_joints)
-    ]
+    seen_bends = []
+    for segment, (chain, joints) in enumerate(mechanics.chains_with_joints):
+        sensor = bend_sensor_of(recording, segment)
+        seen_bends.append(sensor.apparent_bends(chain, simulation.joint_state[joints]))
     simulated = Recording(
         time=recording.time,
         duty=recording.duty,
@@ -173,26 +172,31 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
 
     A sample without readings parts them, so that no picture draws a line from one to the next.
     """
-    runs = [predicted.run for predicted in predictions]
-    spans = [run.times[-1] - run.times[0] + STEP for run in runs]
-    starts = np.cumsum([0.0, *spans[:-1]])
     # Put the recordings one after the other.
+    start = 0.0
     times = []
     duty = []
-    for run, start, span in zip(runs, starts, spans, strict=True):
+    for predicted in predictions:
+        run = predicted.run
+        span = run.times[-1] - run.times[0] + STEP
         step = np.minimum((run.times / STEP).astype(int), len(run.duty) - 1)
         times.append(np.append(run.times - run.times[0], span - STEP / 2) + start)
         duty.append(np.vstack([run.duty[step], np.zeros_like(run.duty[:1])]))
+        start += span
+    runs = [predicted.run for predicted in predictions]
 
     def recording(runs_or_predictions: Sequence[HeatedRun | Predicted], source: str) -> Recording:
-        def with_separators(signals: Iterable[np.ndarray]) -> np.ndarray:
-            return np.concatenate([np.vstack([rows, 0 * rows[:1] + np.nan]) for rows in signals]).T
-
+        """Return what was recorded or predicted, with a sample without readings after each run."""
+        temperatures = []
+        bends = []
+        for item in runs_or_predictions:
+            temperatures += [item.temperature, np.full_like(item.temperature[:1], np.nan)]
+            bends += [item.bend, np.full_like(item.bend[:1], np.nan)]
         return Recording(
             time=np.concatenate(times),
             duty=np.concatenate(duty).T,
-            measured_temperature=with_separators(item.temperature for item in runs_or_predictions),
-            bend_angle=with_separators(item.bend for item in runs_or_predictions),
+            measured_temperature=np.concatenate(temperatures).T,
+            bend_angle=np.concatenate(bends).T,
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,
@@ -203,6 +207,7 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
 
 
 def _compare(recording: Recording, simulation: Recording) -> Validation:
+    """Return the statistics of the differences between a recording and its simulation."""
     differences = simulation.bend_angle - recording.bend_angle
     is_planar = simulation.model.layout.is_planar
     bend = np.abs(differences) if is_planar else np.linalg.norm(differences, axis=0)

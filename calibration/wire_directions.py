@@ -134,11 +134,10 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     # All wires may be off by the same turn of the sensor.
     if segment.axes > 1 and len(directions) > 1:
         turn = float(np.angle(np.sum(np.exp(1j * angle_errors) / errors**2)))
-        remaining_errors = np.abs([_wrapped(off - turn) for off in angle_errors])
+        remaining_errors = np.abs(_wrapped(angle_errors - turn))
         turn_error = float(1 / np.sqrt(np.sum(1 / errors**2)))
-        if (remaining_errors < np.maximum(SAME_TURN_ANGLE, 2 * errors)).all() and abs(
-            turn
-        ) + turn_error > MAX_ANGLE_ERROR:
+        is_same_turn = (remaining_errors < np.maximum(SAME_TURN_ANGLE, 2 * errors)).all()
+        if is_same_turn and abs(turn) + turn_error > MAX_ANGLE_ERROR:
             segment.bend_sensor.roll = _wrapped(segment.bend_sensor.roll - turn)
             roll = np.rad2deg(segment.bend_sensor.roll)
             raise WrongDescriptionError(
@@ -149,36 +148,33 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
             )
     # Ask about wires that are clearly wrong, or that may be exchanged.
     wrong_wires = [d for d in directions if abs(d.off) - 2 * d.error > MAX_ANGLE_ERROR]
-    doubtful_wires = [] if wrong_wires else _exchangeable_wires(directions, segment)
-    if not wrong_wires + doubtful_wires:
+    asked_wires = wrong_wires or _exchangeable_wires(directions, segment)
+    if not asked_wires:
         return
     # Exchange places of wires if that explains where they bend the limb to.
-    by_name = {direction.name: direction for direction in directions}
-    wires = [wire for wire in segment.wires if wire.name in by_name]
-    measured = np.array([by_name[wire.name].angle for wire in wires])
-    spreads = np.array([by_name[wire.name].error for wire in wires])
-    described = [_described_angle(wire, segment) for wire in wires]
-    exchanged = [described]
+    wires = [segment.wire(direction.name) for direction in directions]
+    measured = np.array([direction.angle for direction in directions])
+    described = np.array([_described_angle(wire, segment) for wire in wires])
+    exchanged = described[np.newaxis]
     if len(wires) <= MAX_EXCHANGED_WIRES:
-        exchanged = list(map(list, itertools.permutations(described)))
-    angle_errors = np.abs(_wrapped(measured - np.array(exchanged)))
-    best = int(np.argmin(((angle_errors / spreads) ** 2).sum(axis=1)))
+        exchanged = np.array(list(itertools.permutations(described)))
+    angle_errors = np.abs(_wrapped(measured - exchanged))
+    best = int(np.argmin(((angle_errors / errors) ** 2).sum(axis=1)))
     places = exchanged[best]
-    if (angle_errors[best] - spreads > MAX_ANGLE_ERROR).any():
-        asked = wrong_wires + doubtful_wires
-        places = [by_name[w.name].angle if by_name[w.name] in asked else w.angle for w in wires]
+    if (angle_errors[best] - errors > MAX_ANGLE_ERROR).any():
+        is_asked = [direction in asked_wires for direction in directions]
+        places = np.where(is_asked, measured, described)
     for wire, place in zip(wires, places, strict=True):
         if segment.axes > 1:
             wire.angle = float(place)
         elif np.cos(place) * wire.lever[0] < 0:
             wire.e2 = -wire.e2
     # Say what the recordings contradict.
-    directions_text = "; ".join(map(str, wrong_wires + doubtful_wires))
+    directions_text = "; ".join(map(str, asked_wires))
+    names = " and ".join(direction.name for direction in asked_wires)
     if wrong_wires:
-        names = " and ".join(direction.name for direction in wrong_wires)
         advice = f"the description seems to have {names} on the wrong side"
     else:
-        names = " and ".join(direction.name for direction in doubtful_wires)
         advice = (
             f"{names} may as well be exchanged; a recording with one wire heated after the "
             "other, each from cold, decides"
@@ -190,20 +186,22 @@ def _exchangeable_wires(
     directions: Sequence[WireDirection], segment: SegmentParameters
 ) -> list[WireDirection]:
     """Return the wires that recordings do not tell from another wire; none if all are told."""
-    angles = {wire.name: _described_angle(wire, segment) for wire in segment.wires}
     by_name = {direction.name: direction for direction in directions}
-    doubtful: list[str] = []
-    for pair in itertools.combinations(angles, 2):
-        angle_between = _wrapped(angles[pair[0]] - angles[pair[1]])
+    doubtful: dict[str, WireDirection] = {}
+    for one, other in itertools.combinations(segment.wires, 2):
+        # Compare how well both wires fit where they are described, and exchanged.
+        angle_between = _wrapped(_described_angle(one, segment) - _described_angle(other, segment))
         chi_square = 0.0
-        for name, sign in zip(pair, (1.0, -1.0), strict=True):
-            if name in by_name:
-                off = by_name[name].off
-                error = by_name[name].error
-                chi_square += (_wrapped(off + sign * angle_between) ** 2 - off**2) / error**2
+        pair = {}
+        for wire, sign in ((one, 1.0), (other, -1.0)):
+            if direction := by_name.get(wire.name):
+                pair[wire.name] = direction
+                off = direction.off
+                squares = _wrapped(off + sign * angle_between) ** 2 - off**2
+                chi_square += squares / direction.error**2
         if angle_between and chi_square < MIN_CHI_SQUARE:
-            doubtful += [name for name in pair if name in by_name]
-    return [by_name[name] for name in dict.fromkeys(doubtful)]
+            doubtful |= pair
+    return list(doubtful.values())
 
 
 def _described_angle(wire: WireParameters, segment: SegmentParameters) -> float:

@@ -333,9 +333,9 @@ class Estimator:
         """Return the covariance (M, M) of an error (W,), °C, that T and V of a wire share."""
         H = self.model.size
         W = self.model.num_wires
-        together = np.zeros((len(self._decay), W))
-        together[:W] = together[H - W : H] = np.diag(warmer)
-        return together @ together.T
+        shared = np.zeros((len(self._decay), W))
+        shared[:W] = shared[H - W : H] = np.diag(warmer)
+        return shared @ shared.T
 
     def _forget_bends(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
         """Return the estimate with d, p and r of some bends (F,) forgotten."""

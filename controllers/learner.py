@@ -69,8 +69,8 @@ def ornstein_uhlenbeck(times: np.ndarray, deviation: ArrayLike, duration: float)
         duration: time in which the correlation falls to 1/e, s.
     """
     deviation = np.broadcast_to(deviation, times.shape)
-    apart = np.abs(np.subtract.outer(times, times))
-    return np.outer(deviation, deviation) * np.exp(-apart / duration)
+    separations = np.abs(np.subtract.outer(times, times))
+    return np.outer(deviation, deviation) * np.exp(-separations / duration)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

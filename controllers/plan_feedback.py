@@ -65,20 +65,17 @@ class PlanFeedback(PlanController):
         trajectory: Trajectory,
         *,
         parameters: LimbParameters | None = None,
-        proportional: float = PROPORTIONAL_GAIN,
         known_start: bool = False,
     ):
         """
         Args:
             trajectory: the plan.
             parameters: description of the limb, for gains and estimates; the plan's if None.
-            proportional: k_p, 1/s.
             known_start: whether the limb begins with the plan's heat and bend, as one that is warm
                 or carries a load; else at rest, according to its first readings.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
-        self._proportional = proportional
         start = (self._plan.heat[0], trajectory.bend_angle[:, 0]) if known_start else None
         super().__init__(parameters, self._plan.duty[0], start)
         model = self._estimator.model
@@ -103,7 +100,7 @@ class PlanFeedback(PlanController):
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
         base = duty - COMMON_MODE_GAIN * np.maximum(warmer, 0.0) / model.heating_rates
         base = np.clip(base, 0.0, caps)
-        return base, self._proportional * error + self._gains_at(time) @ (duty - base)
+        return base, PROPORTIONAL_GAIN * error + self._gains_at(time) @ (duty - base)
 
     def _predicted_error(self, time: float, estimate: StateEstimate, state) -> np.ndarray:
         """Return the bends (F,), rad, that will be missing under the coming duty of the plan."""

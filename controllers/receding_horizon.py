@@ -5,7 +5,6 @@ while it works, and with a thread commands were late by 10 to 20 ms. Requests an
 through a socket, so that the modules of a script need not be imported again.
 """
 
-import dataclasses
 import os
 import signal
 import socket
@@ -22,7 +21,6 @@ from controllers.horizon import HorizonPlan, HorizonPlanner, horizon_task
 from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
-from planners import Task
 
 REPLAN_TICKS = 5  # from one plan to the next
 PROPORTIONAL_GAIN = 0.3  # 1/s; small, as the next plan follows soon
@@ -50,23 +48,20 @@ class RecedingHorizon(PlanController):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(
-        self, trajectory: Trajectory, *, task: Task | None = None, real_time: bool = False
-    ):
+    def __init__(self, trajectory: Trajectory, *, real_time: bool = False):
         """
         Args:
             trajectory: a plan; its reference is followed, and its duty is in force until the
                 first horizon is planned.
-            task: weights and margins, as for `HorizonPlanner`.
             real_time: whether another process makes the plans.
         """
         plan = trajectory.since_start()
-        self._planner = HorizonPlanner.of(plan, task)
-        self._process = PlannerProcess(plan, task) if real_time else None
+        self._planner = HorizonPlanner.of(plan)
+        self._process = PlannerProcess(plan) if real_time else None
         first = self._planner.first_horizon(plan)
         super().__init__(trajectory.parameters, first.duty[0])
         self._template = first
-        margin = (task or horizon_task()).temperature_margin
+        margin = horizon_task().temperature_margin
         self._highest = np.array(trajectory.parameters.temperature_limits.maximum - margin)
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(pack(first))
@@ -114,13 +109,12 @@ class PlannerProcess:
 
     Args:
         trajectory: a plan that starts at time 0.
-        task: weights and margins, as for `HorizonPlanner`.
 
     Raises:
         LimbError: if the process cannot be started.
     """
 
-    def __init__(self, trajectory: Trajectory, task: Task | None = None):
+    def __init__(self, trajectory: Trajectory):
         # Start the process with one end of a socket.
         ours, theirs = socket.socketpair()
         process = self._process = subprocess.Popen(
@@ -134,9 +128,7 @@ class PlannerProcess:
         self._connection = Connection(ours.detach())
         weakref.finalize(self, _end, process, self._connection)
         # Send the plan, and wait until the planner is built.
-        if task:
-            task = dataclasses.replace(task, customize=None)  # of no use to a horizon
-        self.begin(trajectory, task)
+        self.begin(trajectory)
         self._connection.poll(None)
         self.poll_plan()
 

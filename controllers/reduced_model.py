@@ -56,6 +56,7 @@ class ReducedModel:
         duty = ca.SX.sym("D", W)
         after = self._state_step(heat, duty)
         self.symbolic_step = ca.Function("step", [heat, duty], [after])
+        self._rollouts: dict[int, ca.Function] = {}  # by their number of steps
         self._step = SmoothFunction(after, ca.vertcat(heat, duty))
 
     def _state_step(self, heat: ca.SX, duty: ca.SX) -> ca.SX:
@@ -149,7 +150,8 @@ class ReducedModel:
         starts = heat.reshape(-1, self.size).T
         # CasADi takes the steps of one rollout after those of another.
         levels = np.moveaxis(duty.reshape(num_steps, -1, self.num_wires), 0, 1)
-        steps = self.symbolic_step.mapaccum(num_steps)
-        after = steps(starts, levels.reshape(-1, self.num_wires).T).full()
+        if num_steps not in self._rollouts:
+            self._rollouts[num_steps] = self.symbolic_step.mapaccum(num_steps)
+        after = self._rollouts[num_steps](starts, levels.reshape(-1, self.num_wires).T).full()
         after = after.T.reshape(-1, num_steps, self.size).swapaxes(0, 1)
         return np.concatenate([heat[None], after.reshape(num_steps, *heat.shape)])

@@ -52,6 +52,7 @@ from walking.robot import add_robot, set_positions
 
 FIELD_OF_VIEW = 0.35  # rad, from top to bottom
 FRAMES_PER_SECOND = 10  # of a GIF
+COLUMNS = 3  # of pictures of moments
 GRID = 0.01  # m, between lines on the ground
 DARK_GRID = 0.05  # m, between darker lines
 LIGHTS = (  # frames, directions and intensities
@@ -247,12 +248,12 @@ def heat_scale(parameters: LimbParameters) -> ScalarMappable:
     )
 
 
-def draw_moments(motion, times: np.ndarray, columns: int = 3) -> Figure:
+def draw_moments(motion, times: np.ndarray) -> Figure:
     """Draw a motion at some times, s, in rows of pictures."""
     scene = MotionScene(motion, (640, 440))
-    rows = -(-len(times) // columns)
+    rows = -(-len(times) // COLUMNS)
     figure = Figure(figsize=(8.6, 0.2 + 2.0 * rows), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False)
+    axes = figure.subplots(rows, COLUMNS, squeeze=False)
     for axis in axes.flat:
         axis.set_axis_off()
     for axis, time in zip(axes.flat, times, strict=False):

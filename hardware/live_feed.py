@@ -3,14 +3,13 @@
 import contextlib
 import dataclasses
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from hardware.board.link import HardwareError
+from hardware.board.link import HardwareError, Sample
 from hardware.board.serial_limb import SerialLimb
-from hardware.board.several_boards import Link
 from hardware.firmware import guard
 from limb_systems import LimbModel, LimbParameters, LimbSystem, Trajectory
 from limb_systems.drake_python import weak_method
@@ -40,22 +39,6 @@ class RunHeader:
 
 
 @dataclasses.dataclass(frozen=True)
-class BoardReading:
-    """The state of a board and its cable at a time.
-
-    - ``armed``: whether the wires may be heated.
-    - ``reason``: reason why not, in words.
-    - ``warmest``: highest temperature of each wire by its duty, °C.
-    - ``lost_samples``: number of samples that did not arrive.
-    """
-
-    armed: bool
-    reason: str
-    warmest: list[float]
-    lost_samples: int
-
-
-@dataclasses.dataclass(frozen=True)
 class Reading:
     """The state of a limb at a time.
 
@@ -65,7 +48,8 @@ class Reading:
     - ``duty``: commanded duty of each wire.
     - ``applied_duty``: applied duty of each wire; or None.
     - ``reference``: reference of the bend angles, rad; or None.
-    - ``board``: state of a robot's board; or None.
+    - ``sample``: newest sample of a robot's board; or None.
+    - ``lost_samples``: number of its samples that did not arrive.
     """
 
     time: float
@@ -74,7 +58,8 @@ class Reading:
     duty: list[float]
     applied_duty: list[float] | None = None
     reference: list[float] | None = None
-    board: BoardReading | None = None
+    sample: Sample | None = None
+    lost_samples: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +80,7 @@ class LiveView(Protocol):
     def begin(self, header: RunHeader) -> None:
         """Show a new recording, before its wires are heated."""
 
-    def say(self, what: str) -> None:
+    def say(self, sentence: str) -> None:
         """Show a sentence about the present run, until the next sentence."""
 
     def show(self, reading: Reading) -> None:
@@ -110,8 +95,8 @@ class Feed(LeafSystem):
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``measured_temperature``: V (W), °C
-    - input 2 ``bend_angle``: φ (S), rad
-    - further inputs, if the limb or controller has them: ``applied_duty`` (W), ``reference`` (S),
+    - input 2 ``bend_angle``: φ (F), rad
+    - further inputs, if the limb or controller has them: ``applied_duty`` (W), ``reference`` (F),
       rad
     """
 
@@ -141,17 +126,13 @@ class Feed(LeafSystem):
 
     def _publish(self, context) -> None:
         signals = {name: self.GetInputPort(name).Eval(context).tolist() for name in self._names}
-        board = _board_reading(self._link) if self._link else None
-        self._live.show(Reading(context.get_time(), **signals, board=board))
-
-
-def _board_reading(link: Link) -> BoardReading | None:
-    """Return the state of a board; None without samples, for which the limb raises an error."""
-    with contextlib.suppress(HardwareError):
-        sample = link.sample(np.inf)  # of any age, which the limb checks
-        warmest = sample.warmest.tolist()
-        return BoardReading(sample.armed, sample.reason_text, warmest, link.lost_samples)
-    return None
+        state: dict[str, Any] = {}
+        if self._link:
+            state["lost_samples"] = self._link.lost_samples
+            # Without samples the limb raises an error.
+            with contextlib.suppress(HardwareError):
+                state["sample"] = self._link.sample(np.inf)  # of any age, which the limb checks
+        self._live.show(Reading(context.get_time(), **signals, **state))
 
 
 @contextlib.contextmanager

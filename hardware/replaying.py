@@ -48,11 +48,10 @@ def replay(
     *,
     controller: System | None = None,
     unchecked: bool = False,
-    sample_rate: float = 20.0,
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
-    """Drive a limb along a trajectory and record it.
+    """Drive a limb along a trajectory and record it at 20 Hz.
 
     A `SerialLimb` is driven in real time and closed at the end, also after an
     error, so that the wires are off. Other limbs are simulated, in real time if
@@ -68,7 +67,6 @@ def replay(
             trajectory's duty drives the limb in open loop.
         unchecked: whether to replay a plan without a check, for example from another program.
             A plan that failed its check is always refused.
-        sample_rate: rate of the recording's samples, Hz.
         journal: file of the recording, to which each sample is written when it arrives. Until the
             plan has ended it has a `TableWriter`'s preliminary name; then it replaces a file of
             this name.
@@ -91,14 +89,13 @@ def replay(
         else:
             _check_controller(controller, limb)
         duration = trajectory.duration
-        return _record_with(limb, controller, duration, sample_rate, journal, live, trajectory)
+        return _record_with(limb, controller, duration, journal, live, trajectory)
 
 
 def watch(
     limb: LimbSystem,
     duration: float,
     *,
-    sample_rate: float = 20.0,
     journal: str | Path | None = None,
     live: LiveView | None = None,
 ) -> Recording:
@@ -108,7 +105,7 @@ def watch(
 
     Args:
         duration: longest duration, s.
-        limb, sample_rate, journal, live: as for `replay`.
+        limb, journal, live: as for `replay`.
 
     Raises:
         HardwareError: if the robot fails on the way.
@@ -116,7 +113,7 @@ def watch(
     """
     with closing(check_limb(limb)):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _record_with(limb, off, duration, sample_rate, journal, live, ended_by_hand=True)
+        return _record_with(limb, off, duration, journal, live, ended_by_hand=True)
 
 
 def present_readings(limb: LimbSystem) -> np.ndarray:
@@ -256,7 +253,6 @@ def _record_with(
     limb: LimbSystem,
     controller: System,
     duration: float,
-    sample_rate: float,
     journal: str | Path | None,
     live: LiveView | None,
     plan: Trajectory | None = None,
@@ -278,9 +274,16 @@ def _record_with(
     if plan is not None and limb.HasOutputPort("cut_out"):
         cut_out_end = builder.AddSystem(_EndAtCutOut())
         builder.Connect(limb.GetOutputPort("cut_out"), cut_out_end.get_input_port())
-    options = RecordOptions(sample_rate=sample_rate)
     return record_with_journal(
-        builder, limb, duty, duration, journal, live, options, plan, ended_by_hand=ended_by_hand
+        builder,
+        limb,
+        duty,
+        duration,
+        journal,
+        live,
+        RecordOptions(),
+        plan,
+        ended_by_hand=ended_by_hand,
     )
 
 
@@ -317,9 +320,7 @@ def record_with_journal(
             journal,
             limb,
             duty,
-            options.sample_rate,
-            reference=options.reference,
-            provenance=provenance,
+            options,
             ended_by_hand=ended_by_hand,
             kind=kind,
             may_wait=not (limb.real_time or live),

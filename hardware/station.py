@@ -349,6 +349,7 @@ def _refuse_replaced_inertia() -> Iterator[None]:
         def emit(self, record: logging.LogRecord) -> None:
             records.append(record)
 
+    # Keep what Drake logs while models are loaded.
     log = logging.getLogger("drake")
     keeper = RecordKeeper()
     log.addHandler(keeper)
@@ -356,6 +357,7 @@ def _refuse_replaced_inertia() -> Iterator[None]:
         yield
     finally:
         log.removeHandler(keeper)
+    # Find a message about a body's moments of inertia.
     for record in records:
         place, warning, reason = record.getMessage().partition(" warning: While parsing inertia")
         if warning:

@@ -21,19 +21,6 @@ def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
     return np.asarray(tip_tangent, float) / 2
 
 
-def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
-    """Return the angle of the chord from the base of a segment to its tip, φ = atan2(t·E2, t·E1).
-
-    Args:
-        joint_angles: θ of the segment, (n,) or (n, K); numbers, AutoDiffXd or
-            Expression.
-
-    Returns:
-        rad, in (-π, π], () or (K,).
-    """
-    return _planar_chain(joint_angles).bend_angle(joint_angles)[0]
-
-
 def roll_bends(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
     """Return bends (axes, ...) towards E2 and E3 as bends towards axes that are turned about E1.
 
@@ -45,11 +32,6 @@ def roll_bends(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
     cosine = np.cos(roll)
     sine = np.sin(roll)
     return np.array([cosine * bends[0] + sine * bends[1], cosine * bends[1] - sine * bends[0]])
-
-
-def _planar_chain(joint_angles: ArrayLike) -> SegmentChain:
-    """Return the paper's planar chain with as many joints as there are angles."""
-    return SegmentChain([["e2"]] * len(np.asarray(joint_angles)))
 
 
 @dataclasses.dataclass
@@ -94,35 +76,18 @@ class BendSensor(Tagged, abc.ABC):
             rad, (axes,) or (axes, K); φ if all joint angles are equal.
         """
 
-    def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """Return `exact_bends` of the paper's planar segment, () or (K,), rad."""
-        return self.exact_bends(_planar_chain(joint_angles), joint_angles)[0]
-
-    def apparent_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """Return the recorded bend angle of the paper's planar segment, with gain and offset.
-
-        Args:
-            joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
-
-        Returns:
-            rad, () or (K,).
-        """
-        return self.gain * self.exact_bend_angle(joint_angles) + self.offset
-
     def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
         """Return the recorded bends (axes, ...), rad: `exact_bends` with gain, offsets and roll."""
         bends = roll_bends(self.exact_bends(chain, joint_angles), self.roll)
-        offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
-        return np.array([self.gain * bend + offset for bend, offset in offsets])
-
-    def corrected(self, bend_angle: ArrayLike) -> np.ndarray:
-        """Remove gain and offset from a recorded bend angle, rad, of any shape."""
-        return (np.asarray(bend_angle, float) - self.offset) / self.gain
+        return (self.gain * bends.T + self._offsets(bends)).T
 
     def corrected_bends(self, bends: np.ndarray) -> np.ndarray:
         """Remove gain and offsets from recorded bends (axes, ...), rad; the roll remains."""
-        offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
-        return np.array([(bend - offset) / self.gain for bend, offset in offsets])
+        return ((bends.T - self._offsets(bends)) / self.gain).T
+
+    def _offsets(self, bends: np.ndarray) -> np.ndarray:
+        """Return the offset of each axis (axes,), rad, of bends (axes, ...)."""
+        return np.array([self.offset, self.offset_e3])[: len(bends)]
 
     def unrolled_bends(self, bends: np.ndarray) -> np.ndarray:
         """Remove gain, offsets and roll from the bends of a segment (axes, ...), rad."""

@@ -83,14 +83,9 @@ class Dynamics:
     @functools.cached_property
     def _mass_and_load(self) -> SmoothFunction:
         """The mass matrix and the load; the residual is linear in the accelerations."""
-        n = self.num_joints
-        q = ca.SX.sym("q", n)
-        v = ca.SX.sym("v", n)
-        a = ca.SX.sym("a", n)
-        x = ca.SX.sym("x", self.num_states)
-        residual = self.residual(q, v, x, a)
-        load = self.residual(q, v, x, ca.SX(n, 1))
-        mass = ca.vec(ca.jacobian(residual, a))
+        q, v, x, a = self.residual.sx_in()
+        load = self.residual(q, v, x, ca.SX(self.num_joints, 1))
+        mass = ca.vec(ca.jacobian(self.residual(q, v, x, a), a))
         return SmoothFunction(ca.vertcat(load, mass), ca.vertcat(q, v, x))
 
     @functools.cached_property

@@ -73,8 +73,3 @@ def joint_angles_from_bend_angle(
         (joints,) or (joints, K).
     """
     return LimbModel.of(parameters).mechanics.shape @ np.asarray(bend_angle, float)
-
-
-def rest_joint_angles(parameters: LimbParameters | LimbModel) -> np.ndarray:
-    """Return θ (joints,), rad, of the rubber at rest with wires that were never heated, by (11)."""
-    return LimbModel.of(parameters).mechanics.rest_angles

@@ -19,7 +19,6 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from limb_systems.kinematics import rest_joint_angles
 from limb_systems.limb_model import LimbModel, split_state
 from limb_systems.limb_parameters import LimbParameters, ParameterError
 from limb_systems.wire_blocks import add_wire_blocks
@@ -164,7 +163,8 @@ def add_limb(
     base = plant.GetFrameByName("base", limb)
     plant.WeldFrames(parent_frame or plant.world_frame(), base, X_PF or RigidTransform())
     # Start at rest.
-    for joint, angle in zip(_joints(plant, limb), rest_joint_angles(parameters), strict=True):
+    rest_angles = LimbModel.of(parameters).mechanics.rest_angles
+    for joint, angle in zip(_joints(plant, limb), rest_angles, strict=True):
         joint.set_default_angle(angle)
     return limb
 

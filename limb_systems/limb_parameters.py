@@ -24,9 +24,8 @@ from limb_systems.wire_laws.wire_law import WireLaw
 
 FORMAT = 2  # of the YAML file
 MAX_SEGMENTS, MAX_JOINTS = 50, 500
-MIN_IN_PLANE_SHARE = (
-    0.01  # share of its torque by which a wire bends the limb in its plane, at least
-)
+# Share of its torque by which a wire bends the limb in its plane, at least.
+MIN_IN_PLANE_SHARE = 0.01
 MAX_USUAL_DENSITY = 4.0  # relative to water; filled silicone has 2
 
 
@@ -91,12 +90,10 @@ class RestMemory(Strict):
     rate: float = quantity(2.0, "1/rad", 0.0, 100.0)
 
 
-def wires_around(count: int, radius: float = 0.0034) -> list[WireParameters]:
+def wires_around(count: int) -> list[WireParameters]:
     """Return wires ``wire_1``, ... at equal angles around the axis, the first at +E2."""
-    return [
-        WireParameters.at(f"wire_{number + 1}", 360.0 * number / count, radius)
-        for number in range(count)
-    ]
+    degrees = 360.0 * np.arange(count) / count
+    return [WireParameters.at(f"wire_{index + 1}", angle) for index, angle in enumerate(degrees)]
 
 
 def _left_and_right() -> list[WireParameters]:
@@ -271,15 +268,7 @@ class EmulatedLimb(BoardIdentity):
     @property
     def identity(self) -> str:
         """A text of all fields, since each of them makes another limb."""
-        fields = [self.seed, self.description, self.absent, self.extra]
-        # Fields that were added later count only if they are set, so that old identities stay.
-        if self.disturbances:
-            fields.append(self.disturbances)
-        if self.physics != "lumped":
-            fields.append(self.physics)
-        if self.limb:
-            fields.append(self.limb)
-        return repr(tuple(fields))
+        return repr(dataclasses.astuple(self))
 
     @property
     def serial_number(self) -> str:
@@ -478,8 +467,7 @@ class LimbParameters(Described):
         """The suffix of each bend, such as ``_2_e3``; a segment with one bend has no axis in it."""
         suffixes: list[str] = []
         for segment, suffix in zip(self.segments, self.segment_suffixes, strict=True):
-            axes = [""] if segment.axes == 1 else ["_e2", "_e3"]
-            suffixes += [suffix + axis for axis in axes]
+            suffixes += [suffix] if segment.axes == 1 else [f"{suffix}_e2", f"{suffix}_e3"]
         return suffixes
 
     @property
@@ -535,10 +523,10 @@ def _plausibility_warnings(segment: SegmentParameters, where: str) -> list[str]:
                 f"{180 - (180 - middle) % 360:.0f}° from +E2; is a sign missing?"
             )
         return warnings
-    sides = {wire.e2 > 0 for wire in segment.wires if wire.e2}
-    if len(segment.wires) > 1 and len(sides) == 1:
+    signs = np.unique(np.sign([wire.e2 for wire in segment.wires]))
+    if len(segment.wires) > 1 and len(signs) == 1:
         warnings.append(
-            f"all wires of {where} run on the same side (e2 {'>' if sides.pop() else '<'} 0), so "
+            f"all wires of {where} run on the same side (e2 {'>' if signs[0] > 0 else '<'} 0), so "
             "that none can bend it back; is a sign missing?"
         )
     return warnings

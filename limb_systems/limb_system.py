@@ -1,6 +1,6 @@
 """Systems that are used by the names of their ports: limbs, their stand-ins, and controllers."""
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from pydrake.systems.framework import (
     Context,
@@ -18,7 +18,6 @@ from limb_systems.limb_parameters import LimbParameters
 ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
 
 
-@runtime_checkable
 class LimbSystem(Protocol):
     """Any Drake system with the ports of a limb and these attributes.
 

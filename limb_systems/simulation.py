@@ -117,7 +117,7 @@ def simulate(
 class RecordOptions:
     """The options of `record`: how it runs a diagram, and further signals that it records.
 
-    - ``reference``: port of the desired bend angle (S), rad, to be recorded.
+    - ``reference``: port of the desired bend angles (F), rad, to be recorded.
     - ``until``: function of the diagram's context; the recording ends when it is true.
     - ``real_time``: whether to run in real time although the system does not need it, for example
       because a person watches.

@@ -28,7 +28,6 @@ class StaticEquilibria:
     states take one solution. All methods raise LimbError where the limb has no stable equilibrium.
 
     - ``wires``: the limb's `Wires`.
-    - ``bends_of_angles``: φ (F,) of θ as a `SmoothFunction`.
 
     Args:
         dynamics: the limb's equation of motion.
@@ -37,23 +36,32 @@ class StaticEquilibria:
     """
 
     def __init__(self, dynamics: Dynamics, of_equal_angles: bool = False):
-        mechanics = dynamics.mechanics
-        self.wires = dynamics.wires
-        # State the bends as functions of θ.
-        q = ca.SX.sym("q", dynamics.num_joints)
+        self._mechanics = dynamics.mechanics
         self._residual = dynamics.at_rest
-        self._chords = SmoothFunction(Chain(mechanics, q).bends(), q)  # φ (F,) of θ
-        self.bends_of_angles = self._chords
-        if of_equal_angles:
-            to_bends = np.linalg.pinv(mechanics.shape)
-            self.bends_of_angles = SmoothFunction(ca.DM(to_bends) @ q, q)
+        self._of_equal_angles = of_equal_angles
+        self.wires = dynamics.wires
         # The matrices of derivatives are dense.
         num_states = self.wires.num_states
-        self.num_values = self.bends_of_angles.num_values
+        self.num_values = self._mechanics.layout.num_bends
         self.slope_places = np.indices((self.num_values, num_states)).reshape(2, -1)
         self.curvature_places = np.array(np.tril_indices(num_states))
         # The last states and their equilibria.
         self._last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+
+    # Limbs at rest do without their bends, which are stated when they are first used.
+    @functools.cached_property
+    def _chords(self) -> SmoothFunction:
+        """The angles of the chords (F,), rad, of θ."""
+        q = ca.SX.sym("q", self._mechanics.layout.num_joints)
+        return SmoothFunction(Chain(self._mechanics, q).bends(), q)
+
+    @functools.cached_property
+    def bends_of_angles(self) -> SmoothFunction:
+        """φ (F,), rad, of θ."""
+        if not self._of_equal_angles:
+            return self._chords
+        q = ca.SX.sym("q", self._mechanics.layout.num_joints)
+        return SmoothFunction(ca.DM(np.linalg.pinv(self._mechanics.shape)) @ q, q)
 
     @functools.cached_property
     def _cold_rest(self) -> tuple[np.ndarray, np.ndarray]:
@@ -77,7 +85,7 @@ class StaticEquilibria:
 
     def at_rest(self, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return θ (n,), rad, after wires settled at T (W,), °C, and ∂θ/∂f (n, n), rad/(N·m)."""
-        straight = np.zeros(self._chords.num_variables)
+        straight = np.zeros(self._mechanics.layout.num_joints)
         angles, derivatives = self._solve(self.wires.settled_states(temperature), straight)
         return angles, np.linalg.inv(derivatives[:, : len(angles)])
 

@@ -58,8 +58,11 @@ class Summary:
 
     def texts(self) -> dict[str, str]:
         """Return the texts for people by their names."""
-        entries = self.entries + self.details
-        return {entry.name: text for entry in entries if (text := entry.text)}
+        texts = {}
+        for entry in self.entries + self.details:
+            if text := entry.text:
+                texts[entry.name] = text
+        return texts
 
     def line(self) -> str:
         """Return the statements in one line, without names and details."""
@@ -75,8 +78,11 @@ class Summary:
 
     def to_json(self) -> dict[str, Any]:
         """Return the values by their names."""
-        entries = self.entries + self.details
-        return {e.name: e.value for e in entries if e.value is not None or not e.sentence}
+        values = {}
+        for entry in self.entries + self.details:
+            if entry.value is not None or not entry.sentence:
+                values[entry.name] = entry.value
+        return values
 
     def to_html(self, caption: str) -> str:
         """Return a small table for notebooks."""

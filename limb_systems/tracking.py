@@ -58,12 +58,8 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
         if recording.implausible.any():
             warnings.warn(f"Left out of the tracking errors: {recording.doubt}.", stacklevel=2)
     plan = trajectory.since_start()
-    samples = _samples(plan, recordings)
-    # Collect the errors of all samples.
-    distances = []
-    for times, bend in samples:
-        distances.append(plan.model.layout.distances(plan.bend_angle_at(times) - bend).ravel())
-    errors = np.concatenate(distances)
+    times, bends = _samples(plan, recordings)
+    errors = plan.model.layout.distances(plan.bend_angle_at(times) - bends)
     return TrackingErrors(
         mean=float(errors.mean()),
         median=float(np.median(errors)),
@@ -91,11 +87,9 @@ def reference_distances(
     plan = trajectory.since_start()
     # Collect the samples to compare.
     if recordings:
-        samples = _samples(plan, recordings)
+        times, bends = _samples(plan, recordings)
     else:
         times = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration / PERIOD)) + 1)
-        samples = [(times, plan.bend_angle_at(times))]
-    times = np.concatenate([times for times, _ in samples])
     reference = plan.interpolated(plan.reference, times)
 
     def distance(bend: np.ndarray) -> float:
@@ -103,7 +97,7 @@ def reference_distances(
         return float(plan.model.layout.distances(reference - bend).mean())
 
     return ReferenceDistances(
-        measured=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
+        measured=distance(bends) if recordings else None,
         planned=distance(plan.bend_angle_at(times)),
         nearest=None if nearest is None else distance(plan.interpolated(nearest, times)),
     )
@@ -122,15 +116,16 @@ def true_bend(recording: Recording) -> Recording:
     return dataclasses.replace(recording, bend_angle=bend)
 
 
-def _samples(
-    plan: Trajectory, recordings: Sequence[Recording]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return times (M,), s, and bend angles (F, M), rad, of the samples that count."""
-    samples = []
+def _samples(plan: Trajectory, recordings: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (M,), s, and bend angles (F, M), rad, of all recordings' samples that count."""
+    times = [np.empty(0)]
+    bends = [np.empty((plan.model.layout.num_bends, 0))]
     for recording in recordings:
         has_bend = np.isfinite(recording.bend_angle).all(axis=0)
         counts = has_bend & ~recording.implausible & (recording.time <= plan.duration)
-        samples.append((recording.time[counts], recording.bend_angle[:, counts]))
-    if not sum(times.size for times, _ in samples):
+        times.append(recording.time[counts])
+        bends.append(recording.bend_angle[:, counts])
+    all_times = np.concatenate(times)
+    if not all_times.size:
         raise LimbError("There are no recorded samples during the plan to compare it with.")
-    return samples
+    return all_times, np.hstack(bends)

@@ -1,6 +1,7 @@
 """The program ``soft-limb``: it finds a command by its name and runs it."""
 
 import argparse
+import contextlib
 import functools
 import importlib
 import os
@@ -8,7 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
 from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
@@ -112,25 +113,13 @@ def _top_level_parser() -> argparse.ArgumentParser:
         + f"\nsoft-limb COMMAND --help explains a command.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, help="show program's version number and exit"
-    )
+    parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
     _add_import_option(parser)
     parser.add_argument("command", type=_command_name, metavar="COMMAND", help="see below")
     parser.add_argument(
         "arguments", nargs=argparse.REMAINDER, metavar="...", help="options of the command"
     )
     return parser
-
-
-class _Version(argparse.Action):
-    """The option ``--version``; it looks the version up only when it is given."""
-
-    def __call__(self, parser, *_: Any) -> None:
-        from importlib.metadata import version
-
-        print(f"soft-limb {version('soft-limb')}")
-        parser.exit()
 
 
 def _command_name(name: str) -> str:
@@ -176,12 +165,15 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     for number in SIGNALS:
         if number != signal.SIGHUP or previous_handlers[number] != signal.SIG_IGN:
             signal.signal(number, stop)
-    # Run it.
+    # Run it. Once it has ended, further signals are ignored until all is printed.
     try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _print_warning
-            status = command()
-        sys.stdout.flush()
+        try:
+            with warnings.catch_warnings():
+                warnings.showwarning = _print_warning
+                status = command()
+            sys.stdout.flush()
+        finally:
+            _ignore_signals()
     except BrokenPipeError:
         # The reader has closed the pipe, as `| head` does; do not flush the rest at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -206,6 +198,14 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         status = 128 + received_signals[0]
         received_signals.clear()
     return status
+
+
+def _ignore_signals() -> None:
+    """Ignore signals from now on; one that arrives meanwhile is ignored, too."""
+    for number in SIGNALS:
+        while signal.getsignal(number) != signal.SIG_IGN:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.signal(number, signal.SIG_IGN)
 
 
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -162,9 +162,9 @@ class LivePage:
         self._unsent_header.flush()
         self._send(None)
 
-    def say(self, what: str) -> None:
+    def say(self, sentence: str) -> None:
         """Show a sentence on the present activity, until the next call."""
-        self._activity = what
+        self._activity = sentence
         self._send(None)
 
     def show(self, reading: Reading) -> None:
@@ -363,10 +363,10 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
         ("duty", layout.num_wires, 1.0),
         ("applied_duty", layout.num_wires, 1.0),
     ):
-        rows = [getattr(reading, name) for reading in readings]
-        for i in range(size):
-            values = [math.nan if row is None else scale * row[i] for row in rows]
-            columns_by_name[f"{name}_{i}"] = values
+        gap = [math.nan] * size
+        rows = [getattr(reading, name) or gap for reading in readings]
+        for number, values in enumerate(scale * np.reshape(rows, (-1, size)).T):
+            columns_by_name[f"{name}_{number}"] = values.tolist()
     return columns_by_name
 
 
@@ -415,27 +415,22 @@ def panels(header: RunHeader) -> list[Panel]:
         }
     # Draw the limits of temperature as lines.
     ends = np.array([0.0, header.duration])
-    lines = (
-        (f"T_max {limits.maximum:g} °C", limits.maximum, T_MAX_COLOR, "dotted"),
-        (f"off at {header.limit:g} °C", header.limit, LIMIT_COLOR, "solid"),
-    )
-    return measured_panels(
-        header.parameters,
-        measured,
-        plan,
-        limits=[
-            Curve(name, ends, np.full(2, value), color, dash, 2.0)
-            for name, value, color, dash in lines
-        ],
-        bands=bands,
-    )
+
+    def limit_line(name: str, value: float, color: str, dash: str) -> Curve:
+        return Curve(f"{name} {value:g} °C", ends, np.full(2, value), color, dash, 2.0)
+
+    lines = [
+        limit_line("T_max", limits.maximum, T_MAX_COLOR, "dotted"),
+        limit_line("off at", header.limit, LIMIT_COLOR, "solid"),
+    ]
+    return measured_panels(header.parameters, measured, plan, limits=lines, bands=bands)
 
 
 def state(run: Run) -> str:
     """Return the line on top, HTML: state of the wires or reason of the end, activity, alarms."""
     # Choose the first state that applies; the colour is red for failures.
     silence = time.monotonic() - run.last_message
-    board = run.reading.board if run.reading is not None else None
+    sample = run.reading.sample if run.reading is not None else None
     kind = "off"
     if run.end_reason:
         kind = "off" if run.end_reason == DONE else "bad"
@@ -445,14 +440,14 @@ def state(run: Run) -> str:
     elif silence > SILENCE_TIMEOUT:
         kind = "bad"
         text = f"No reading of the limb for {silence:.0f} s"
-    elif board is None:
+    elif sample is None:
         kind = "armed"
         text = "Running"
-    elif board.armed:
+    elif sample.armed:
         kind = "armed"
         text = "Armed: wires may be heated"
     else:
-        text = f"Wires off: {board.reason}"
+        text = f"Wires off: {sample.reason_text}"
     return part("state", kind, text, run.activity, alarms(run))
 
 
@@ -488,10 +483,10 @@ def facts(run: Run) -> str:
             rows.append((name, [f"{value:.{digits}f}" for value in values]))
 
     if reading is not None:
-        board = reading.board
+        sample = reading.sample
         # A table with a column for each wire.
         add("reading V, °C", reading.measured_temperature, 1)
-        add("at most, by its duty, °C", board.warmest if board else None, 0)
+        add("at most, by its duty, °C", sample.warmest if sample else None, 0)
         if run.is_running:  # else the last duty is no longer applied
             add("duty", reading.duty, 2)
             add("duty applied", reading.applied_duty, 2)
@@ -499,8 +494,8 @@ def facts(run: Run) -> str:
         bends = ", ".join(f"{np.rad2deg(bend):+.1f}°" for bend in reading.bend_angle)
         lines.append(f"φ {bends}")
         lines.append(f"{reading.time:.1f} s of {header.duration:g} s")
-        if board is not None:
-            lines.append(f"{board.lost_samples} samples lost")
+        if sample is not None:
+            lines.append(f"{reading.lost_samples} samples lost")
     if header.band is not None:
         lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
     names = [name.replace("_", " ") for name in header.parameters.wire_names]

@@ -98,9 +98,19 @@ def full_disk() -> Callable[[int], contextlib.AbstractContextManager]:
 def pytest_configure(config) -> None:
     """Take the signals that tests send, which shells in the background and nohup leave ignored."""
     if config.getoption("numprocesses", None):  # its workers run the tests
+        # Compiled modules are kept, or each worker and each command compiles all of them again.
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         return
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def pytest_ignore_collect(collection_path, config) -> bool | None:
+    """Leave out files of which no test is selected: what they import takes long to load."""
+    if config.option.markexpr != "not whole" or collection_path.suffix != ".py":
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    return "\npytestmark = pytest.mark.whole\n" in text or None
 
 
 class Scheduling(LoadScopeScheduling):

@@ -54,6 +54,8 @@ from limb_systems import (
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.signal_table import column_names
+from limb_systems.simulation import RecordOptions
+from planners import plan
 from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
 from walking import (
@@ -63,8 +65,8 @@ from walking import (
     RobotParameters,
     RobotTwin,
     Wayfinder,
-    plan_gait,
 )
+from walking.gait_planning import GaitRequest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware", "walking")
@@ -195,17 +197,20 @@ def exists(symbol):
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_snippets_run(package, tmp_path, monkeypatch):
-    """With few knots for a gait, short recordings and one law, as all take long."""
-    monkeypatch.chdir(tmp_path)
-    quick = functools.partial(plan_gait, intervals=12)
-    monkeypatch.setattr("planners.plan_gait", quick, raising=False)
-    one_law = functools.partial(calibrate, laws=[LinearLaw])
-    monkeypatch.setattr("calibration.calibrate", one_law)
+def test_snippets_run(package, tmp_path, monkeypatch, gait, gait_in_space):
+    """With gaits that are made up, few knots, short recordings and one law, as all take long."""
+
+    def plan_gait_briefly(robot, **changes):
+        GaitRequest(**changes).validate(robot, gait.schedule)
+        return gait_in_space if robot == gait_in_space.robot else gait
 
     def collect_briefly(*limb_and_wires, **options):
         return collect_equilibria(*limb_and_wires, **options | {"longest": 10.0})
 
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("planners.plan_gait", plan_gait_briefly, raising=False)
+    monkeypatch.setattr("planners.plan", functools.partial(plan, knot_rate=2.0))
+    monkeypatch.setattr("calibration.calibrate", functools.partial(calibrate, laws=[LinearLaw]))
     monkeypatch.setattr("calibration.collect_equilibria", collect_briefly)
     names, count = {}, 0
     for code, before in blocks(TEXTS[PAGES[package]], "python"):
@@ -310,7 +315,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         TemperatureSupervisor(nominal),
         SerialLimb("port"),
         Feed(None, Limb()),
-        Journal(os.devnull, Limb(), 20.0),
+        Journal(os.devnull, Limb(), RecordOptions()),
         LimbActuation(),
         WireColors(nominal, meshcat),
         station,

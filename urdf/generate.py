@@ -29,13 +29,7 @@ Shape = tuple[str, dict[str, str]]  # an element of URDF, and its sizes, m
 AXES = {"e2": "0 0 1", "e3": "0 -1 0", "twist": "1 0 0"}  # about which joints turn
 
 
-def limb_urdf(
-    segments: Sequence[Any],
-    name: str = "limb",
-    *,
-    payload: float = 0.0,
-    negligible_mass: float = 0.0,
-) -> str:
+def limb_urdf(segments: Sequence[Any], name: str = "limb", *, payload: float = 0.0) -> str:
     """Return the URDF text of a serial chain of box-shaped links.
 
     The base frame has E1 = +x, the axis of the straight limb, E2 = +y and E3 = +z.
@@ -56,27 +50,18 @@ def limb_urdf(
             joints, their ``joint_ratios`` and ``centred_joints``.
         name: name of the model.
         payload: mass of a point at the tip, kg.
-        negligible_mass: mass of the base and of each ``cross_j``, kg, for programs that divide by
-            the mass of every body.
     """
-    return document(limb_element(segments, name, payload, negligible_mass))
+    return document(limb_element(segments, name, payload))
 
 
-def limb_element(
-    segments: Sequence[Any], name: str, payload: float, negligible_mass: float
-) -> Element:
+def limb_element(segments: Sequence[Any], name: str, payload: float) -> Element:
     """Return the root of `limb_urdf`, with its arguments."""
     robot = _root(name)
     parent, origin = _add_chain(robot, segments, collides=True)
-    if negligible_mass:
-        for link in robot.findall("link"):
-            if link.find("inertial") is None:
-                _add_inertial(link, negligible_mass)
     if payload:
         _add_payload(robot, "", parent, origin, payload)
     # Links do not collide with each other.
-    colliding = [link for link in robot.findall("link") if link.find("collision") is not None]
-    _filter_collisions(robot, [link.attrib["name"] for link in colliding])
+    _filter_collisions(robot, [link.attrib["name"] for link in robot.findall("link[collision]")])
     place = {"xyz": _text(origin, 0.0, 0.0), "rpy": _text(0.0, 0.0, 0.0)}
     SubElement(robot, "frame", {"name": "tip", "link": parent, **place})
     return robot
@@ -115,9 +100,8 @@ def robot_element(robot: Any) -> Element:
         if limb.parameters.payload:
             _add_payload(element, prefix, parent, origin, limb.parameters.payload)
         ball = _sphere(robot.feet.radius)
-        foot = _add_point(
-            element, f"{prefix}foot", f"{prefix}ankle", parent, origin, robot.feet.mass
-        )
+        ankle = f"{prefix}ankle"
+        foot = _add_point(element, f"{prefix}foot", ankle, parent, origin, robot.feet.mass)
         _add_visual(foot, "foot", BRACKET_COLOR, ball)
         if robot.ground:
             _add_collision(foot, ball, _foot_contact_properties(robot))

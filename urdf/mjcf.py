@@ -25,9 +25,7 @@ LINEARITY = 1e-9  # relative, to which the heat and the torque of a law are line
 def limb_mjcf(
     parameters: Any,
     *,
-    thermocouples: bool = True,
     timestep: float = 0.002,
-    integrator: str = "implicitfast",
     callback: bool = False,
 ) -> str:
     """Return MJCF text of a limb that bends by the heat of its wires, clamped at its base.
@@ -40,9 +38,7 @@ def limb_mjcf(
 
     Args:
         parameters: such as `limb_systems.LimbParameters`.
-        thermocouples: whether readings V are simulated.
         timestep: s; the bend is right to 0.001° at 1 ms, and to 0.01° at 10 ms.
-        integrator: MuJoCo's name of its integrator; with "RK4" the stiff links blow up.
         callback: whether wires of laws that MJCF cannot express are written for the C code of
             `limb_systems.wire_callback`. Their activations are [x, V], minus their cold values.
 
@@ -50,13 +46,13 @@ def limb_mjcf(
         ValueError: if MJCF cannot express the law of a wire, or the rubber's memory.
     """
     # Add the bodies of the URDF to a model, with springs in the joints.
-    element = limb_element(parameters.segments, "limb", parameters.payload, 0.0)
-    options = {"timestep": timestep, "integrator": integrator, "gravity": parameters.gravity}
+    element = limb_element(parameters.segments, "limb", parameters.payload)
+    options = {"timestep": timestep, "integrator": "implicitfast", "gravity": parameters.gravity}
     root, world = _root("limb", options)
     names = [f"joint_{number}" for number in range(1, parameters.num_joints + 1)]
     _add_bodies(world, element, "base", _springs(parameters, names))
     _add_stiffening(root, parameters, names)
-    _add_wires(root, world, parameters, names, thermocouples, callback)
+    _add_wires(root, world, parameters, names, callback)
     return document(root)
 
 
@@ -99,7 +95,7 @@ def robot_mjcf(robot: Any, *, wires: bool = True, timestep: float = 0.002) -> st
     # Add nonlinear rubber and wires.
     _add_stiffening(root, all_limbs, names)
     if wires:
-        _add_wires(root, world, all_limbs, names, thermocouples=True, callback=False)
+        _add_wires(root, world, all_limbs, names)
     return document(root)
 
 
@@ -113,11 +109,10 @@ def _root(name: str, options: dict[str, Any]) -> tuple[Element, Element]:
 
 def _add(parent: Element, tag: str, **attributes: Any) -> Element:
     """Add an element whose attributes are texts, numbers or sequences of numbers."""
-    texts = {
-        name: value if isinstance(value, str) else _text(*np.ravel(value))
-        for name, value in attributes.items()
-    }
-    return SubElement(parent, tag, texts)
+    element = SubElement(parent, tag)
+    for name, value in attributes.items():
+        element.set(name, value if isinstance(value, str) else _text(*np.ravel(value)))
+    return element
 
 
 def _text(*numbers: float) -> str:
@@ -168,8 +163,9 @@ def _add_stiffening(root: Element, parameters: Any, names: Sequence[str]) -> Non
     for segment, _, joints in _joints_of_links(parameters, names):
         if not segment.stiffening or segment.axes == 1:
             continue
-        bending_joints = [joint for joint in joints if joint[0] != "twist"]
-        (x_kind, x_name), (y_kind, y_name) = bending_joints
+        names_of_kinds = dict(joints)
+        names_of_kinds.pop("twist", None)
+        (x_kind, x_name), (y_kind, y_name) = names_of_kinds.items()
         rest_angles = segment.joint_rest_angles
         for name, sign in (("sum", 1.0), ("difference", -1.0)):
             rest = rest_angles[x_kind] + sign * rest_angles[y_kind]
@@ -187,22 +183,20 @@ def _section(root: Element, name: str) -> Element:
     return SubElement(root, name) if section is None else section
 
 
-def _add_bodies(parent: Element, robot, root_link: str, joint_attributes: dict) -> Element:
+def _add_bodies(parent, robot, root_link: str, joint_attributes: dict) -> Element:
     """Add a link of a URDF and all links that hang on it to the MJCF, and return its body.
 
     Args:
         parent: element of the MJCF.
         robot: element of the URDF.
         root_link: name of the link.
-        joint_attributes: MJCF attributes of each joint by its name, those of spring and damper.
+        joint_attributes: MJCF attributes of the spring and damper of each joint, by its name.
     """
-    links = {link.get("name"): link for link in robot.findall("link")}
-    joints = robot.findall("joint")
 
     def add(parent: Element, name: str, place: dict, turning_joints: list) -> Element:
         """Add the body of a link that turns about joints at its origin, and its children."""
-        child_joints = [joint for joint in joints if joint.find("parent").get("link") == name]
-        link = links[name]
+        child_joints = robot.findall(f"joint/parent[@link='{name}']/..")
+        link = robot.find(f"link[@name='{name}']")
         # A link without elements is between joints of one body, which get all of these joints.
         if not len(link):
             (joint,) = child_joints
@@ -226,8 +220,7 @@ def _add_bodies(parent: Element, robot, root_link: str, joint_attributes: dict) 
     body = add(parent, root_link, place={}, turning_joints=[])
     # Add the frames as sites.
     for frame in robot.findall("frame"):
-        link_name = frame.get("link")
-        frame_body = next(part for part in body.iter("body") if part.get("name") == link_name)
+        frame_body = parent.find(f".//body[@name='{frame.get('link')}']")
         _add(frame_body, "site", name=frame.get("name"), pos=frame.get("xyz"), size=1e-3)
     return body
 
@@ -265,9 +258,8 @@ def _add_shape(body: Element, shape, link: str) -> None:
     # MuJoCo takes half the lengths of a box and of a cylinder.
     (kind,) = shape.find("geometry")
     numbers = kind.get("size") or " ".join(filter(None, map(kind.get, ("radius", "length"))))
-    sizes = [float(number) for number in numbers.split()]
-    lengths = slice(None) if kind.tag == "box" else slice(1, None)
-    sizes[lengths] = [size / 2 for size in sizes[lengths]]
+    sizes = np.array(numbers.split(), float)
+    sizes[0 if kind.tag == "box" else 1 :] /= 2
     geometry = {"type": kind.tag, "size": sizes, **_place(shape), "mass": 0}
     if shape.tag == "visual":
         color = shape.find("material/color").get("rgba")
@@ -289,13 +281,11 @@ def _add_mount(body: Element, mount: str, height: float) -> None:
         "free": [{"name": "body", "type": "free"}],
         "welded": [],
     }
-    for number, joint in enumerate(joints[mount]):
-        element = _add(body, "joint", **joint)
-        body.remove(element)
-        body.insert(number, element)
+    for joint in joints[mount]:
+        _add(body, "joint", **joint)
 
 
-def _add_feet(root: Element, world: Element, robot: Any) -> None:
+def _add_feet(root: Element, world, robot: Any) -> None:
     """Give feet the stiffness and the damping of their contact, and sensors of its force.
 
     MuJoCo takes both as multiples of (1 - impedance) / m, with the inertia m of a foot in the
@@ -304,11 +294,12 @@ def _add_feet(root: Element, world: Element, robot: Any) -> None:
     import mujoco  # only robots need it
 
     model = mujoco.MjModel.from_xml_string(document(root))
-    stiffness, damping = robot.contact_stiffness, DAMPING_SHARE * robot.contact_damping
+    stiffness = robot.contact_stiffness
+    damping = DAMPING_SHARE * robot.contact_damping
     for limb in robot.limbs:
         name = f"{limb.name}_foot"
         scale = (1 - IMPEDANCE) * model.body(name).invweight0[0]
-        foot = next(geom for geom in world.iter("geom") if geom.get("name") == name)
+        foot = world.find(f".//geom[@name='{name}']")
         foot.set("priority", "1")  # over the ground's
         foot.set("solref", _text(-stiffness * scale, -damping * scale))
         foot.set("solimp", _text(IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0))
@@ -317,12 +308,7 @@ def _add_feet(root: Element, world: Element, robot: Any) -> None:
 
 
 def _add_wires(
-    root: Element,
-    world: Element,
-    parameters: Any,
-    names: Sequence[str],
-    thermocouples: bool,
-    callback: bool,
+    root: Element, world: Element, parameters: Any, names: Sequence[str], callback: bool = False
 ) -> None:
     """Add a tendon and actuators for each wire, and the hinge of its thermocouple."""
     links = _joints_of_links(parameters, names)
@@ -369,8 +355,7 @@ def _add_wires(
             dynamics = {"dyntype": "filterexact", "dynprm": -1 / rate}
             force = {"gainprm": linear_wire.beta * warmth}
             _add(actuators, "general", name=f"wire_{name}{suffix}", **actuator, **dynamics, **force)
-        if thermocouples:
-            _add_thermocouple(world, tendon, name, linear_wire, parameters.ambient_temperature)
+        _add_thermocouple(world, tendon, name, linear_wire, parameters.ambient_temperature)
 
 
 def _add_thermocouple(

@@ -20,17 +20,18 @@ def limb_sdf(
     Each joint has an actuator without a limit, through which the wires' torque enters.
 
     Args:
-        segments, name, payload, negligible_mass: as for `urdf.limb_urdf`; segments also with
-            ``stiffness``, N·m/rad, and ``joint_rest_angles`` by kind of joint, rad.
+        segments, name, payload: as for `urdf.limb_urdf`; segments also with ``stiffness``,
+            N·m/rad, and ``joint_rest_angles`` by kind of joint, rad.
+        negligible_mass: mass of the base and of each ``cross_j``, kg, for programs that divide by
+            the mass of every body.
     """
-    robot = limb_element(segments, name, payload, negligible_mass)
+    robot = limb_element(segments, name, payload)
     sdf = ElementTree.Element("sdf", {"version": "1.9", "xmlns:drake": "drake.mit.edu"})
     model = SubElement(sdf, "model", name=name)
     # Add the links, each in the frame of its joint.
-    joints = robot.findall("joint")
-    joint_of_link = {_link(joint, "child"): joint.attrib["name"] for joint in joints}
     for link in robot.findall("link"):
-        _add_link(model, link, joint_of_link.get(link.attrib["name"]))
+        joint = robot.find(f"joint/child[@link='{link.get('name')}']/..")
+        _add_link(model, link, joint, negligible_mass)
     # Add the joints, with their springs in the order of the joints.
     springs = []
     for segment in segments:
@@ -39,7 +40,7 @@ def limb_sdf(
                 stiffness = segment.joint_ratios[kind] * segment.stiffness
                 springs.append((stiffness, segment.joint_rest_angles[kind]))
     remaining_springs = iter(springs)
-    for joint in joints:
+    for joint in robot.findall("joint"):
         _add_joint(model, joint, remaining_springs)
     # Add the frames and the filters of collisions.
     for frame in robot.findall("frame"):
@@ -52,15 +53,15 @@ def limb_sdf(
     return document(sdf)
 
 
-def _add_link(model, link, joint: str | None) -> None:
-    """Add a link in the frame of the joint of which it is the child."""
+def _add_link(model, link, joint, negligible_mass: float) -> None:
+    """Add a link, in the frame of the joint of which it is the child, if there is one."""
     element = SubElement(model, "link", name=link.get("name"))
-    if joint:
-        SubElement(element, "pose", relative_to=joint)
-    # Add the inertia, which is zero if the link has none.
+    if joint is not None:
+        SubElement(element, "pose", relative_to=joint.get("name"))
+    # Add the inertia, which is zero if the link has none, and its mass negligible.
     inertial = link.find("inertial")
     sdf_inertial = SubElement(element, "inertial")
-    mass = "0"
+    mass = f"{negligible_mass:g}"
     moments: dict[str, str] = {}
     if inertial is not None:
         mass = inertial.find("mass").get("value")

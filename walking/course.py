@@ -1,9 +1,9 @@
 """The course of a gait in a cycle, and the check that a robot can take it."""
 
 import dataclasses
-import math
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from limb_systems import LimbModel, tip_position
 from planners.transcription.solving import PlanningError
@@ -64,7 +64,7 @@ def check_course(robot: RobotParameters, course: Course) -> None:
             f"A stride of {1e3 * stride:.3g} mm cannot be had: between wires at T_max on either "
             f"side, the feet are at most {1e3 * longest_step:.3g} mm apart."
         )
-    arm = min(math.hypot(limb.position[0], limb.position[1]) for limb in robot.limbs)
+    arm = np.linalg.norm(robot.hips[:, :2], axis=1).min()
     most = min(MAX_TURN, 2 * np.arcsin(min(1.0, longest_step / 2 / max(arm, 1e-6))))
     if np.isfinite(turn) and abs(turn) > most:
         raise PlanningError(
@@ -84,12 +84,10 @@ def _longest_step_of_all_limbs(robot: RobotParameters) -> float:
         parameters = limb.parameters
         wires = LimbModel.of(parameters).wires
         hottest = parameters.temperature_limits.maximum
-        cold = np.full(wires.num_wires, parameters.ambient_temperature)
         # Heat one wire at a time, and find the tips; [1:] drops E1, along the straight limb.
-        heated = [
-            np.where(np.arange(len(cold)) == wire, hottest, cold) for wire in range(len(cold))
-        ]
-        states = np.array([wires.settled_states(heat) for heat in heated])
+        heated = np.full((wires.num_wires, wires.num_wires), parameters.ambient_temperature)
+        np.fill_diagonal(heated, hottest)
+        states = np.array([*map(wires.settled_states, heated)])
         tips = tip_position(parameters, LimbModel.of(parameters).statics.angles(states).T)[1:]
-        longest_steps.append(max(np.linalg.norm(a - b) for a in tips.T for b in tips.T))
+        longest_steps.append(pdist(tips.T).max())
     return float(min(longest_steps))

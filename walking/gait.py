@@ -168,7 +168,7 @@ class Gait(Planned):
         self._check()
         if len(self.time) < 3 or self.time[0] != 0:
             raise LimbError("a gait needs at least three knots, the first of them at 0 s.")
-        starts = [phase.start for phase in self.phases]
+        starts = self.phase_starts
         if starts != sorted(starts) or not starts or starts[0] != 0 or starts[-1] >= self.period:
             raise LimbError(
                 f"the phases begin at {starts} s; they must begin one after the other from 0 s to "
@@ -217,16 +217,11 @@ class Gait(Planned):
         return self.stride < 1e-6
 
     @property
-    def _turn_radius(self) -> float:
-        """The longest limb's length, m: a turn counts as the way of a point so far away."""
-        return max(limb.parameters.length for limb in self.robot.limbs)
-
-    @property
     def reach(self) -> float:
         """Travel in a cycle, m; a turn on the spot counts by the way at a limb's length."""
         if not self.on_the_spot:
             return self.stride
-        return self._turn_radius * abs(self.turn)
+        return self.robot.longest_limb * abs(self.turn)
 
     @property
     def merit(self) -> float:
@@ -241,10 +236,15 @@ class Gait(Planned):
         return [phase.contacts for phase in self.phases]
 
     @property
+    def phase_starts(self) -> list[float]:
+        """Times at which the phases begin (P,), s."""
+        return [phase.start for phase in self.phases]
+
+    @property
     def intervals(self) -> list[int]:
         """Number of intervals between knots of each phase (P,)."""
-        starts = [phase.start for phase in self.phases]
-        return np.diff(np.searchsorted(self.time, [*starts, self.period])).tolist()
+        edges = [*self.phase_starts, self.period]
+        return np.diff(np.searchsorted(self.time, edges)).tolist()
 
     @property
     def initial_heat(self) -> np.ndarray:
@@ -286,13 +286,16 @@ class Gait(Planned):
         forces = self.contact_force.reshape(len(self.robot.limbs), -1, len(self.time))
         cycle_poses = []
         cycle_forces = []
+        phases = []
         start = self.body_pose[:, 0]
-        for _ in range(cycles):
+        for cycle in range(cycles):
             pose = self.moved(start)
             yaw = pose[-1, 0] - self.body_pose[-1, 0] if len(pose) == 6 else 0.0
             cycle_poses.append(pose)
             cycle_forces.append(rotate_to_heading(forces.swapaxes(0, 1), -yaw).swapaxes(0, 1))
             start = pose[:, -1]
+            for phase in self.phases:
+                phases.append(GaitPhase(phase.start + cycle * self.period, phase.contacts))
 
         # All other signals repeat.
         names = ["duty", "joint_state", "wire_temperature", "measured_temperature"]
@@ -304,11 +307,7 @@ class Gait(Planned):
             body_pose=join(cycle_poses),
             contact_force=join(cycle_forces).reshape(len(self.contact_force), -1),
             **repeating,
-            phases=[
-                GaitPhase(phase.start + cycle * self.period, phase.contacts)
-                for cycle in range(cycles)
-                for phase in self.phases
-            ],
+            phases=phases,
         )
 
     def progress(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -322,7 +321,7 @@ class Gait(Planned):
         Returns:
             The travel along the planned stride, and aside of it (K - 1,), as shares of it.
         """
-        scales = np.array([1.0, 1.0, self._turn_radius])[: len(self.displacement)]
+        scales = np.array([1.0, 1.0, self.robot.longest_limb])[: len(self.displacement)]
         planned = self.displacement * scales
         measured = body_travel(poses).T * scales
         along = measured @ planned / (planned @ planned)

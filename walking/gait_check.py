@@ -191,7 +191,7 @@ def measure_strides(
     assert recording.body_pose is not None
     # Angles go on beyond π; positions, in m, never jump by so much.
     pose = np.unwrap(recording.body_pose, axis=1)
-    return gait.progress(np.array([np.interp(starts, recording.time, row) for row in pose]))
+    return gait.progress(recording.interpolated(pose, starts))
 
 
 def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
@@ -219,8 +219,7 @@ def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str
     ]
 
     # Find samples before which a foot carried nothing for half a period.
-    phase_starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(phase_starts, (times - start) % gait.period, "right") - 1
+    phases = np.searchsorted(gait.phase_starts, (times - start) % gait.period, "right") - 1
     size = gait.robot.force_size
     weight = gait.contact_force[size - 1 :: size].sum(axis=0).mean()
     forces = recording.contact_force
@@ -239,7 +238,9 @@ def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str
     if not first:
         return "", float(times[-1])
     index, words = min(first)
-    return f"{words} after {times[index] - start:.1f} s", float(times[index])
+    elapsed = times[index] - start
+    when = f"after {elapsed:.1f} s" if elapsed >= 0 else "in the warm-up"
+    return f"{words} {when}", float(times[index])
 
 
 def _has_spare_feet(gait: Gait) -> bool:

@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import EventStatus
 
 from controllers.estimator import StateEstimate
+from controllers.plan_controller import SampledPlan
 from controllers.plan_feedback import PlanFeedback
+from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
 from limb_systems.simulation import PERIOD
 from walking.gait import Gait
-from walking.heat_feedback import PROPORTIONAL_GAIN as HEAT_GAIN
+from walking.heat_feedback import heating_duty
 from walking.walk_trajectory import walk
 
 # Relative change of the amplitude per relative error of the stride; strides change twice as much.
@@ -109,12 +111,15 @@ class GaitFeedback(PlanFeedback):
         bends = self._plan.bend_angle[round(self._begin / PERIOD) : -1]
         self._mean_bend = bends.mean(axis=0)
 
-        # The bends that the ground makes in the gait.
-        model = self._estimator.model
-        ends = np.vstack([trajectory.bend_angle[:, :1].T, self._plan.bend_angle[:-1]])
-        self._planned_offset = ends - model.bend_angle(self._plan.heat)
+        # The bends that the ground makes in the gait: the planned bends without what the wires of
+        # the gait's own robot make.
+        planned = SampledPlan(trajectory, trajectory.parameters)
+        ends = np.vstack([trajectory.bend_angle[:, :1].T, planned.bend_angle[:-1]])
+        made_by_wires = ReducedModel(trajectory.parameters).bend_angle(planned.heat)
+        self._planned_offset = ends - made_by_wires
 
         # The duty that holds planned temperatures; duty changes no state of memory within a step.
+        model = self._estimator.model
         W = model.num_wires
         duty = np.zeros_like(self._plan.duty)
         cooling = (model.step(self._plan.heat, duty) - self._plan.heat)[:, :W]
@@ -134,8 +139,9 @@ class GaitFeedback(PlanFeedback):
     def _planned(self, times: np.ndarray, state) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         _, pace, amplitude, _ = state.value(2)
         times = times[0] + (times - times[0]) * pace
-        *bends, duty = super()._planned(times, state)
-        bend, reference = (self._mean_bend + amplitude * (x - self._mean_bend) for x in bends)
+        bend, reference, duty = super()._planned(times, state)
+        bend = self._mean_bend + amplitude * (bend - self._mean_bend)
+        reference = self._mean_bend + amplitude * (reference - self._mean_bend)
         holding = self._holding[[self._plan.index(time) for time in times]]
         return bend, reference, np.clip(holding + (duty - holding) * pace, 0.0, 1.0)
 
@@ -143,8 +149,8 @@ class GaitFeedback(PlanFeedback):
         # Hold the heat of the plan at the clock's pace.
         model = self._estimator.model
         (duty,) = self._planned(np.array([time]), state)[-1]
-        colder = self._plan.temperature[self._plan.index(time)] - model.temperatures(estimate.heat)
-        duty = duty + HEAT_GAIN * colder / model.heating_rates
+        temperature = self._plan.temperature[self._plan.index(time)]
+        duty = duty + heating_duty(model, temperature, estimate)
         if time < self._begin:
             return duty, np.zeros(model.num_bends)
         # Correct bends that are far from the plan's.

@@ -191,20 +191,19 @@ def _ensure_walking(
     gait = check_gait(gait, spread=spread)
 
     # Plan safer gaits where it fails, until one passes.
-    remedies: list[tuple[dict[str, float], str]] = [
-        ({"steadiness": factor * first.steadiness}, f"steadier than the {first.steadiness:g}")
-        for factor in STEADINESS_FACTORS
-    ]
+    remedy = "steadiness"
+    factors = STEADINESS_FACTORS
+    difference = f"steadier than the {first.steadiness:g}"
     if gait.in_space:
+        remedy = "sticking_share"
+        factors = STICKING_FACTORS
         difference = f"with less of friction used than the {first.sticking_share:g}"
-        remedies = []
-        for factor in STICKING_FACTORS:
-            remedies.append(({"sticking_share": factor * first.sticking_share}, difference))
-    for changes, difference in remedies:
+    for factor in factors:
         if gait.passed:
             break
+        changed = {remedy: factor * getattr(first, remedy)}
         try:
-            safer = _solve(program(course=course, intervals=planned.intervals, **changes), planned)
+            safer = _solve(program(course=course, intervals=planned.intervals, **changed), planned)
         except PlanningError:
             break
         safer.check.remark = f"{difference} planned first, with which {gait.check.failure()}"
@@ -228,7 +227,7 @@ def _refine_knots(gait: Gait, program: Callable[..., GaitProgram]) -> Gait:
         strides = simulate_gait(gait, "", gait.robot, SPREAD_CYCLES).strides
         if len(strides) == SPREAD_CYCLES and abs(strides[-1] - 1) < MAX_STRIDE_ERROR:
             break
-        intervals = [2 * number for number in gait.intervals]
+        intervals = (2 * np.array(gait.intervals)).tolist()
         try:
             finer = _solve(program(steadiness=gait.check.steadiness, intervals=intervals), gait)
         except PlanningError:
@@ -292,14 +291,15 @@ def _solve(
     """
     # List attempts: pairs of a barrier and a start.
     attempts: list[tuple[dict[str, Any], Callable]]
-    laws = [wire.law for wire in program.robot.as_single_limb.wires]
-    is_hard = any(law.smoothed() is not law for law in laws)
+    wires = program.robot.as_single_limb.wires
+    is_hard = any(wire.law.smoothed() is not wire.law for wire in wires)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
-    attempts = [({"mu_strategy": barrier}, standing_start) for barrier in barriers]
+    starts = [standing_start]
     if program.in_space:
-        starts = [partial(standing_start, warmth=warmth) for warmth in ALTERNATIVE_WARMTHS]
-        attempts[1:1] = [({"mu_strategy": barriers[0]}, start) for start in starts]
+        starts += [partial(standing_start, warmth=warmth) for warmth in ALTERNATIVE_WARMTHS]
+    attempts = [({"mu_strategy": barriers[0]}, start) for start in starts]
+    attempts.append(({"mu_strategy": barriers[1]}, standing_start))
     if near or is_hard:
         start = partial(_start_from_gait, gait=near) if near else _start_from_smoothed_laws
         attempts = [(WARM_START_BARRIER, start)]
@@ -401,7 +401,7 @@ def _start_from_gait(
     N = program.wires.num_states
     x = np.zeros(program.prog.num_vars())
     # Divide the phases of the gait into the program's intervals.
-    starts = np.append([phase.start for phase in gait.phases], gait.period)
+    starts = np.append(gait.phase_starts, gait.period)
     steps = (np.diff(starts) / np.bincount(program.phase_of))[program.phase_of]
     times = np.append(0.0, np.cumsum(steps)[:-1])
 

@@ -652,13 +652,13 @@ class GaitProgram:
 
     def _bound(self, indices, lower, upper) -> None:
         """Bound the variables of some indices."""
-        variables = np.array([self._variable(index) for index in np.ravel(indices)])
+        variables = np.array(list(map(self._variable, np.ravel(indices))))
         self.prog.AddBoundingBoxConstraint(lower, upper, variables)
 
     def _add_linear(self, rows, lower, upper, indices, scale: float = 1.0) -> None:
         """Bound scale · rows · x, with x the variables of some indices."""
         ones = np.ones(len(rows))
-        variables = [self._variable(index) for index in indices]
+        variables = list(map(self._variable, indices))
         self.prog.AddLinearConstraint(scale * rows, lower * ones, upper * ones, variables)
 
 

@@ -23,7 +23,7 @@ from walking.schedules import Schedule, candidate_schedules
 
 AHEAD = "ahead"
 SIDE_SIGNS = {"left": 1.0, "right": -1.0}
-TURNING_GAITS = (*SIDE_SIGNS, *(f"spot_{side}" for side in SIDE_SIGNS))  # names of gaits
+TURNING_GAITS = ("left", "right", "spot_left", "spot_right")  # names of gaits
 ARC_TURN = 0.2  # rad, in a cycle
 # rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
 # by less, as legs that bend farther have more than one balance.
@@ -60,9 +60,11 @@ def plan_gaits(
     with Progress("planning", 1 + len(TURNING_GAITS), "gaits") as progress:
         ahead = plan_gait(robot, request, spread=False)
         progress.update(1, "that turn")
-        signs = SIDE_SIGNS.values()
-        arcs = [functools.partial(_plan_arc, robot, sign, ahead, request) for sign in signs]
-        spots = [functools.partial(_plan_spot_turn, robot, sign, request) for sign in signs]
+        arcs = []
+        spots = []
+        for sign in SIDE_SIGNS.values():
+            arcs.append(functools.partial(_plan_arc, robot, sign, ahead, request))
+            spots.append(functools.partial(_plan_spot_turn, robot, sign, request))
         gaits = {AHEAD: ahead}
         planned = map_function(operator.call, [*arcs, *spots])
         for number, (name, gait) in enumerate(zip(TURNING_GAITS, planned, strict=True)):

@@ -4,6 +4,7 @@ import numpy as np
 
 from controllers.estimator import StateEstimate
 from controllers.plan_controller import PlanController, SampledPlan
+from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 
 PROPORTIONAL_GAIN = 1.0  # 1/s
@@ -46,6 +47,13 @@ class HeatFeedback(PlanController):
         model = self._estimator.model
         if time > self._duration:
             return np.zeros(model.num_wires), np.zeros(model.num_bends)
-        colder = self._plan.temperature[k] - model.temperatures(estimate.heat)
-        duty = self._plan.duty[k] + PROPORTIONAL_GAIN * colder / model.heating_rates
+        duty = self._plan.duty[k] + heating_duty(model, self._plan.temperature[k], estimate)
         return duty, np.zeros(model.num_bends)
+
+
+def heating_duty(
+    model: ReducedModel, temperature: np.ndarray, estimate: StateEstimate
+) -> np.ndarray:
+    """Return the duty k (T* - T) / a2 (W,) that brings wires to planned temperatures (W,), °C."""
+    colder = temperature - model.temperatures(estimate.heat)
+    return PROPORTIONAL_GAIN * colder / model.heating_rates

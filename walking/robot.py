@@ -338,10 +338,10 @@ class _JoinedDuty(LeafSystem):
         self.DeclareVectorInputPort("duty", self._size)
         for limb, wires in zip(robot.limbs, robot.wires_of, strict=True):
             self.DeclareVectorInputPort(f"{limb.name}.duty", wires.stop - wires.start)
-        tickets = [self.input_port_ticket(InputPortIndex(i)) for i in range(self.num_input_ports())]
-        self.DeclareVectorOutputPort("joined", self._size, weak_method(self._join), {*tickets})
+        tickets = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("joined", self._size, weak_method(self._join), tickets)
         self.DeclareAbstractOutputPort(
-            "chosen", Value[InputPortIndex], weak_method(self._choose), {*tickets[1:]}
+            "chosen", Value[InputPortIndex], weak_method(self._choose), tickets
         )
 
     def _choose(self, context, output):

@@ -27,7 +27,13 @@ from limb_systems.limb_parameters import (
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
 FORMAT_VERSION = 1  # of the YAML file
-BODY_MOUNTS = ("welded", "planar", "free")
+# The names of the numbers of the body's pose, by its mount, and the names of its angles.
+POSE_NAMES: dict[str, tuple[str, ...]] = {
+    "welded": (),
+    "planar": ("x", "z", "pitch"),
+    "free": ("x", "y", "z", "roll", "pitch", "yaw"),
+}
+ANGLES = ("roll", "pitch", "yaw")
 MAX_LIMBS = 20
 MAX_HIP_DISTANCE = 3.0  # of a hip, in lengths of body and limb
 MAX_COSINE = 1e-6  # largest cosine between directions that are at right angles
@@ -167,9 +173,9 @@ def _limbs_in_space(limbs: int) -> list[RobotLimb]:
     if limbs == 3:
         angles = {"rear": np.pi, "left": np.pi / 3, "right": -np.pi / 3}
         for name, angle in angles.items():
-            outward = [round(float(part), 9) for part in (np.cos(angle), np.sin(angle), 0.0)]
-            position = [0.04 * part for part in outward]
-            robot_limbs.append(RobotLimb(name, position=position, e2=outward))
+            outward = np.array([np.cos(angle), np.sin(angle), 0.0]).round(9) + 0.0  # not -0.0
+            position = (0.04 * outward).tolist()
+            robot_limbs.append(RobotLimb(name, position=position, e2=outward.tolist()))
     else:
         for side, y in (("left", 0.015), ("right", -0.015)):
             for end, x in (("rear", -0.03), ("front", 0.03)):
@@ -183,8 +189,8 @@ def _limbs_in_space(limbs: int) -> list[RobotLimb]:
 def _rear_and_front_limbs() -> list[RobotLimb]:
     """Return the two limbs of the crawler."""
     return [
-        RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
-        for name, x in (("rear", -0.03), ("front", 0.03))
+        RobotLimb("rear", position=[-0.03, 0.0, 0.0], parameters=walking_limb()),
+        RobotLimb("front", position=[0.03, 0.0, 0.0], parameters=walking_limb()),
     ]
 
 
@@ -288,9 +294,9 @@ class RobotParameters(ConnectedLimbs):
     def _validate_body(self) -> None:
         """Raise ParameterError if the body's mount, mass or inertia is impossible."""
         body = self.body
-        if body.mount not in BODY_MOUNTS:
+        if body.mount not in POSE_NAMES:
             raise ParameterError(
-                f"body.mount is {body.mount!r}; it must be one of {', '.join(BODY_MOUNTS)}."
+                f"body.mount is {body.mount!r}; it must be one of {', '.join(POSE_NAMES)}."
             )
         if body.inertia is not None and (
             len(body.inertia) != 3 or 2 * max(body.inertia) > sum(body.inertia) * (1 + 1e-9)
@@ -314,7 +320,7 @@ class RobotParameters(ConnectedLimbs):
             raise ParameterError(
                 f"limbs has {len(self.limbs)} elements; a robot has 1 to {MAX_LIMBS}."
             )
-        names = [limb.name for limb in self.limbs]
+        names = self.limb_names
         for index, limb in enumerate(self.limbs):
             where = f"limbs[{index}]"
             check_name(names, index, where, "limb", taken="body")
@@ -341,19 +347,19 @@ class RobotParameters(ConnectedLimbs):
         """Raise ParameterError if hips or feet look as if they were in other units."""
         # Compare places of limbs and the size of feet with body and limbs.
         size = self.body.size
-        lengths = [limb.parameters.length for limb in self.limbs]
-        for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
+        for index, limb in enumerate(self.limbs):
+            length = limb.parameters.length
             distance = np.abs(limb.position).max()
             if distance > MAX_HIP_DISTANCE * (size + length):
                 raise ParameterError(
                     f"limbs[{index}].position is {limb.position} m, {distance:g} m from the middle "
                     f"of a body of {size:g} m; is it in other units?"
                 )
-        if self.feet.radius > min(lengths) / 2:
-            raise ParameterError(
-                f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is it "
-                "in mm?"
-            )
+            if self.feet.radius > length / 2:
+                raise ParameterError(
+                    f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is "
+                    "it in mm?"
+                )
         carried_mass = self.body.mass + sum(s.mass for s in self.as_single_limb.segments)
         if self.feet.mass > carried_mass:
             raise ParameterError(
@@ -389,7 +395,7 @@ class RobotParameters(ConnectedLimbs):
         """Raise ParameterError if a limb's place or axes are impossible on this body."""
         for name in ("position", "e1", "e2"):
             _validate_vector(getattr(limb, name), f"{where}.{name}")
-        lengths = [np.linalg.norm(axis) for axis in (limb.e1, limb.e2)]
+        lengths = np.linalg.norm([limb.e1, limb.e2], axis=1)
         if min(lengths) < MAX_COSINE or abs(np.dot(limb.e1, limb.e2)) > MAX_COSINE * np.prod(
             lengths
         ):
@@ -419,7 +425,7 @@ class RobotParameters(ConnectedLimbs):
         for limb in self.limbs:
             if limb.name == name:
                 return limb.parameters
-        names = ", ".join(limb.name for limb in self.limbs)
+        names = ", ".join(self.limb_names)
         raise ParameterError(f"This robot has no limb {name!r}; it has {names}.")
 
     def limb_alone(self, name: str) -> LimbParameters:
@@ -457,6 +463,21 @@ class RobotParameters(ConnectedLimbs):
             limb.parameters.ambient_temperature = ambient
         robot.validate()
         return robot
+
+    @property
+    def limb_names(self) -> list[str]:
+        """Names of the limbs (L,)."""
+        return [limb.name for limb in self.limbs]
+
+    @property
+    def hips(self) -> np.ndarray:
+        """Places of the limbs' bases in the body's frame (L, 3), m."""
+        return np.array([limb.position for limb in self.limbs])
+
+    @property
+    def longest_limb(self) -> float:
+        """Length of the longest limb, m."""
+        return max(limb.parameters.length for limb in self.limbs)
 
     @property
     def is_limb(self) -> bool:
@@ -536,7 +557,7 @@ class RobotParameters(ConnectedLimbs):
     @property
     def pose_size(self) -> int:
         """Numbers of the body's pose: 3 if planar, 6 if free, 0 if welded."""
-        return {"welded": 0, "planar": 3, "free": 6}[self.body.mount]
+        return len(POSE_NAMES[self.body.mount])
 
     @property
     def force_size(self) -> int:
@@ -545,10 +566,10 @@ class RobotParameters(ConnectedLimbs):
 
     def signal_columns(self) -> dict[str, list[str]]:
         """Return the columns of ``body_pose`` and ``contact_force``, if the robot has them."""
-        poses = {"planar": "x_m z_m pitch_deg", "free": "x_m y_m z_m roll_deg pitch_deg yaw_deg"}
         columns = {}
-        if self.body.mount in poses:
-            columns["body_pose"] = [f"body_{name}" for name in poses[self.body.mount].split()]
+        if names := POSE_NAMES[self.body.mount]:
+            unit = {False: "m", True: "deg"}
+            columns["body_pose"] = [f"body_{name}_{unit[name in ANGLES]}" for name in names]
         if self.ground:
             axes = "xz" if self.force_size == 2 else "xyz"
             columns["contact_force"] = [
@@ -558,14 +579,10 @@ class RobotParameters(ConnectedLimbs):
 
     def pose_rows(self) -> list[tuple[str, str, float]]:
         """Return name, unit and scale from SI of each row of the body's pose."""
-        names = {
-            "welded": ([], []),
-            "planar": (["x", "z"], ["pitch"]),
-            "free": (["x", "y", "z"], ["roll", "pitch", "yaw"]),
-        }
-        axes, angles = names[self.body.mount]
-        rows = [(axis, "mm", 1e3) for axis in axes]
-        return rows + [(angle, "°", np.rad2deg(1.0)) for angle in angles]
+        rows = []
+        for name in POSE_NAMES[self.body.mount]:
+            rows.append((name, "°", np.rad2deg(1.0)) if name in ANGLES else (name, "mm", 1e3))
+        return rows
 
     def surroundings(self) -> str:
         """Return the ground in words."""

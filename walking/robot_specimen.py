@@ -63,7 +63,7 @@ class RobotSpecimen(Specimen):
         feet = self.drawn.feet
         body.mass *= (share := uniform(0.9, 1.1))
         if body.inertia is not None:
-            body.inertia = [share * moment for moment in body.inertia]
+            body.inertia = (share * np.array(body.inertia)).tolist()
         feet.mass *= uniform(0.9, 1.1)
         for limb in self.drawn.limbs:
             limb.position = (limb.position + uniform(-1e-3, 1e-3, 3)).tolist()
@@ -108,7 +108,7 @@ class LimbOfRobot(Specimen):
 
     def __init__(self, robot: RobotSpecimen, name: str):
         super().__init__(robot.drawn.limb_alone(name), robot.seed, robot.extra)
-        number = [limb.name for limb in robot.drawn.limbs].index(name)
+        number = robot.drawn.limb_names.index(name)
         places = [len(limb.parameters.segments) for limb in robot.drawn.limbs]
         start = sum(places[:number])
         self.wires = robot.wires[robot.drawn.wires_of[number]]

@@ -4,6 +4,7 @@ In text, a phase is a letter for each foot, and a space ends it: ``fs ss sf ss``
 feet, of which the first slides forward, then both stick while the body shifts, and so on.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from walking.gait import CONTACTS
 from walking.robot_parameters import RobotParameters
 
 LETTERS = dict(zip("sfbdl", CONTACTS, strict=True))  # forward, backward, dragged, lifted
+LETTER_OF = dict(zip(CONTACTS, LETTERS, strict=True))
 
 Schedule = list[list[str]]
 
@@ -31,13 +33,12 @@ def parse_schedule(text: str, num_feet: int) -> Schedule:
             "for each foot, with spaces between: s if it sticks, f or b if it slides forward or "
             "backward in a plane, d if it is dragged along in space, l if it is lifted."
         )
-    return [[LETTERS[letter] for letter in phase] for phase in phases]
+    return [[*map(LETTERS.__getitem__, phase)] for phase in phases]
 
 
 def format_schedule(schedule: Sequence[Sequence[str]]) -> str:
     """Return the text of a schedule, which `parse_schedule` reads."""
-    letters = {contact: letter for letter, contact in LETTERS.items()}
-    return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
+    return " ".join("".join(map(LETTER_OF.__getitem__, phase)) for phase in schedule)
 
 
 def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) -> None:
@@ -55,7 +56,7 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
                 f"of {', '.join(CONTACTS)} for each of {num_feet} feet."
             )
     forbidden = {"slide_forward", "slide_backward"} if in_space else {"slide"}
-    if forbidden & {contact for phase in schedule for contact in phase}:
+    if forbidden & set().union(*schedule):
         raise PlanningError(
             f"The schedule {format_schedule(schedule)!r} has feet that slide forward or backward, "
             "but the body moves in space; let them be dragged (d), where the planner finds along "
@@ -73,8 +74,7 @@ def check_schedule(schedule: Sequence[Sequence[str]], robot: RobotParameters) ->
             )
     for number, phase in enumerate(schedule):
         after = (number + 1) % len(schedule)
-        pairs = zip(phase, schedule[after], strict=True)
-        if not any(pair == ("stick", "stick") for pair in pairs):
+        if ("stick", "stick") not in zip(phase, schedule[after], strict=True):
             raise PlanningError(
                 f"No foot sticks both in phase {number + 1} and in phase {after + 1} of the "
                 f"schedule {format_schedule(schedule)!r}, so that nothing holds the body when one "
@@ -102,30 +102,32 @@ def candidate_schedules(robot: RobotParameters) -> list[Schedule]:
     orders = [wave] if num_feet < 3 else [wave, wave[::-1]]
     if num_feet > 3:
         orders.insert(0, [list(range(0, num_feet, 2)), list(range(1, num_feet, 2))])
-    return [
-        _group_schedule(order, contact, num_feet)
-        for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]
-        for order in orders
-    ]
+    schedules = []
+    for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]:
+        for order in orders:
+            schedules.append(_group_schedule(order, contact, num_feet))
+    return schedules
 
 
 def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
     F = len(robot.limbs)
-    places = np.array([limb.position[:2] for limb in robot.limbs])
-    sides = [np.flatnonzero(side).tolist() for side in (places[:, 1] > 0, places[:, 1] <= 0)]
-    left, right = (sorted(side, key=lambda foot: places[foot, 0]) for side in sides)
+    x, y, _ = robot.hips.T
+    from_rear = np.argsort(x, kind="stable")
+    left = from_rear[y[from_rear] > 0].tolist()
+    right = from_rear[y[from_rear] <= 0].tolist()
     around = [*left, *right[::-1]]
-    across = [foot for pair in zip(left, right[::-1], strict=False) for foot in pair]
+    across = [*itertools.chain(*zip(left, right[::-1], strict=False))]
     across += [foot for foot in around if foot not in across]
     waves = [[*left, *right], [*right, *left], across, across[::-1]]
     waves = waves[::2] if F == 3 else waves  # the others are these, begun at another foot
-    schedules = [
-        _group_schedule([[foot] for foot in wave], "slide", F, rests=F < 4) for wave in waves
-    ]
+    schedules = []
+    for wave in waves:
+        one_by_one = np.transpose([wave]).tolist()
+        schedules.append(_group_schedule(one_by_one, "slide", F, rests=F < 4))
     if F > 3:
         opposite = [around[::2], around[1::2]]
-        groups = opposite, opposite[::-1], [left, right]
-        schedules += [_group_schedule(each, "slide", F) for each in groups]
+        for groups in (opposite, opposite[::-1], [left, right]):
+            schedules.append(_group_schedule(groups, "slide", F))
     return [each for number, each in enumerate(schedules) if each not in schedules[:number]]
 
 

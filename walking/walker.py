@@ -102,7 +102,7 @@ class Walker:
             feet.append(ca.vertcat(travel, tip[2]))
 
         # Build the potential from weights and springs.
-        self.size = max(limb.parameters.length for limb in robot.limbs)
+        self.size = robot.longest_limb
         self.weight = sum(masses) * robot.world_gravity
         self.symbolic_feet = ca.horzcat(*feet)
         moment = sum(mass * place for mass, place in zip(masses, places, strict=True))

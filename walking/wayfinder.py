@@ -242,7 +242,8 @@ def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarra
     G = len(gaits)
     begins = np.full((1 + G, G), np.nan)
     lasts = np.full((1 + G, G), np.nan)
-    parts: list[Trajectory] = []
+    parts: dict[str, list[np.ndarray]] = {}  # of each signal
+    num_knots = 0
     for before, gait in [(G, 0), *itertools.product(range(G), repeat=2)]:
         # A check of each part, by its bends, would take long, and no one asks for it.
         unchecked = dataclasses.replace(gaits[gait], check=GaitCheck())
@@ -253,28 +254,18 @@ def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarra
         cycles = walk(unchecked, 2, **start)
         period = gaits[gait].period
         warm_up = PERIOD * np.floor((cycles.duration - 2 * period) / PERIOD + 1e-6)
-        begins[before, gait] = PERIOD * sum(len(part.time) for part in parts)
+        begins[before, gait] = PERIOD * num_knots
         lasts[before, gait] = warm_up + period
         # The period in which the cycle ends is its own, to its end.
-        parts.append(_first_knots(cycles, int(np.ceil((warm_up + period) / PERIOD)) + 1))
-    signals: dict[str, Any] = {}
-    for name in _signal_names(parts[0]):
-        signals[name] = np.hstack([getattr(part, name) for part in parts])
+        num_knots_of_part = int(np.ceil((warm_up + period) / PERIOD)) + 1
+        num_knots += num_knots_of_part
+        for field in dataclasses.fields(cycles):
+            values = getattr(cycles, field.name)
+            if isinstance(values, np.ndarray):
+                parts.setdefault(field.name, []).append(values[..., :num_knots_of_part])
+    signals: dict[str, Any] = {name: np.hstack(values) for name, values in parts.items()}
     signals["time"] = PERIOD * np.arange(signals["duty"].shape[1])
-    return dataclasses.replace(parts[0], **signals), begins, lasts
-
-
-def _first_knots(trajectory: Trajectory, knots: int) -> Trajectory:
-    """Return the first knots of a trajectory."""
-    signals: dict[str, Any] = {
-        name: getattr(trajectory, name)[..., :knots] for name in _signal_names(trajectory)
-    }
-    return dataclasses.replace(trajectory, **signals)
-
-
-def _signal_names(trajectory: Trajectory) -> list[str]:
-    names = [field.name for field in dataclasses.fields(trajectory)]
-    return [name for name in names if isinstance(getattr(trajectory, name), np.ndarray)]
+    return dataclasses.replace(cycles, **signals), begins, lasts
 
 
 def _wrap_angle(angle: float) -> float:

@@ -5,7 +5,7 @@ import numpy as np
 from calibration.import_logs.evidence import correlation
 from calibration.import_logs.mapping import FRAMES, TIME_OF_DAY, TIME_UNITS, UNKNOWN, TimeColumn
 from calibration.import_logs.table import MIN_ROWS, LogError, LogTable
-from calibration.import_logs.words import TIME, Name, parse_unit
+from calibration.import_logs.words import FRAME, TIME, Name, parse_unit
 
 DAY = 86_400.0  # s
 WRAP_PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
@@ -26,7 +26,7 @@ MIN_AGREEMENT_LEAD = 0.05  # by which the best alignment is better than others
 
 
 def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
-    """Return the column that increases as a clock does; no column if none does.
+    """Return the column that increases as a clock does, else frames; no column if there are none.
 
     The unit is `UNKNOWN` if the numbers contradict the unit in the name.
     """
@@ -65,6 +65,11 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
         if candidate.unit and score > best_score:
             best_score = score
             best = candidate
+    # Without a clock, frames come at a rate.
+    for name in names:
+        is_frame = name.role == FRAME and (np.diff(table.numbers(name.text)) > 0).all()
+        if is_frame and not best.column:
+            best = TimeColumn(name.text, FRAMES)
     return best
 
 

@@ -116,52 +116,48 @@ def _regression(
     return gains[:num_heats], np.sqrt(np.maximum(spread, 0.0)) + 1e-12
 
 
+def margin(
+    gains: np.ndarray, errors: np.ndarray, rivals: np.ndarray, rival_errors: np.ndarray
+) -> np.ndarray:
+    """Return by how many standard errors gains exceed rivals by `WARMING_FACTOR`, elementwise."""
+    lead = gains - WARMING_FACTOR * np.maximum(rivals, 0.0)
+    with np.errstate(invalid="ignore"):  # infinite errors have no margin
+        return np.nan_to_num(lead / np.hypot(errors, WARMING_FACTOR * rival_errors))
+
+
 def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
     """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
 
-    A wire warms its thermocouple more than others do, or warms it more than the others, by
-    `WARMING_FACTOR` and by `MIN_VOTE` standard errors. Pairs are taken out one by one.
+    A wire warms its thermocouple more than others do, and more than the others, by a factor; one
+    of both by `MIN_VOTE` standard errors. Pairs are taken out one by one.
 
     Args:
         gains, errors: warming of M thermocouples by W wires, and its standard error (M, W).
     """
-    # Wires without heat warm none.
     pairs: list[int | None] = [None] * gains.shape[1]
-    is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)
+    is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)  # wires without heat warm none
     while True:
         for sensor, wire in np.argwhere(is_open & (gains > MIN_VOTE * errors)):
             # Compare with other thermocouples of the wire, and other wires of the thermocouple.
-            is_ahead = True
-            is_certain = False
-            num_rivals = 0
-            for line, pair_index in ((np.s_[:, wire], sensor), (np.s_[sensor], wire)):
-                is_rival = is_open[line].copy()
-                is_rival[pair_index] = False
-                lead = gains[sensor, wire] - WARMING_FACTOR * np.maximum(gains[line], 0.0)
-                error = np.hypot(errors[sensor, wire], WARMING_FACTOR * errors[line])
-                lead = lead[is_rival]
-                is_ahead &= bool((lead > 0.0).all())
-                is_certain |= len(lead) > 0 and bool((lead > MIN_VOTE * error[is_rival]).all())
-                num_rivals += len(lead)
+            gain = gains[sensor, wire]
+            error = errors[sensor, wire]
+            margins = margin(gain, error, gains, errors)
+            is_rival = is_open.copy()
+            is_rival[sensor, wire] = False
+            of_wire = margins[is_rival[:, wire], wire]
+            of_sensor = margins[sensor, is_rival[sensor]]
+            both = np.append(of_wire, of_sensor)
+            is_certain = not both.size
+            for line in (of_wire, of_sensor):
+                is_certain |= line.size > 0 and bool((line > MIN_VOTE).all())
             # Take out the pair, and begin again with the open wires and thermocouples.
-            if is_ahead and (is_certain or not num_rivals):
+            if is_certain and (both > 0.0).all():
                 pairs[wire] = int(sensor)
                 is_open[sensor] = False
                 is_open[:, wire] = False
                 break
         else:
             return pairs
-
-
-def has_rival(gains: np.ndarray, errors: np.ndarray, wire: int) -> bool:
-    """Return whether another wire clearly warms a thermocouple more than wire ``wire`` does.
-
-    Args:
-        gains, errors: warming of the thermocouple by W wires, and its standard error (W,).
-    """
-    lead = gains - WARMING_FACTOR * max(gains[wire], 0.0)
-    lead_errors = np.hypot(errors, WARMING_FACTOR * errors[wire])
-    return bool((lead > MIN_VOTE * lead_errors).any())
 
 
 def clear_votes(

@@ -5,8 +5,8 @@ import re
 
 from calibration.import_logs import mapping
 from calibration.import_logs.clock import DAY
-from calibration.import_logs.log_signals import base_direction
 from calibration.import_logs.mapping import BendColumns, LogMapping, TimeColumn, WireColumns
+from calibration.import_logs.points import base_direction
 from calibration.import_logs.propose import Columns, Proposal
 from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import Dictionary
@@ -87,11 +87,11 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
     bend, note = _bend_of_limb(table, limb, limbs)
     log_mapping = LogMapping(time, columns.wires, bend, **table.form)
     columns.find_sides(log_mapping)
-    columns.notes |= {
-        f"limb {limb}": "of a logger of limbs with shape-memory alloy",
-        "bend": note,
-        "left": "its wire rev, and right is fwd; exchange the names if they are not",
-    }
+    columns.notes += [
+        f"limb {limb} of a logger of limbs with shape-memory alloy",
+        f"bend: {note}",
+        "the left wire is rev, and the right wire fwd; exchange the names if they are not",
+    ]
     return columns.proposal(f"limb_{limb}" if len(limbs) > 1 else "", log_mapping)
 
 

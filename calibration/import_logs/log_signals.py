@@ -11,6 +11,7 @@ import numpy as np
 from calibration.import_logs import cells, clock
 from calibration.import_logs.evidence import forward_fill
 from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
+from calibration.import_logs.points import link_directions, wrapped
 from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
 from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
@@ -25,7 +26,6 @@ MAX_PAUSE = 600.0  # s, beyond which a recording ends
 MIN_PART_DURATION = 10.0  # s of a part of a log that is worth keeping
 STALE_PERIODS = 2.6  # periods or ...
 STALE_SECONDS = 0.5  # ... seconds, the longer of which a reading may be held
-STILL_ROWS = 5  # rows in which points of a picture are exactly where they were, and were not seen
 MAX_EXCESS_DUTY = 0.05  # by which duty may exceed full duty, and is cut off
 READABLE_RANGE = (-60.0, 600.0)  # °C, of readings that a thermocouple can have
 MAX_FAILING_SHARE = 0.05  # share of rows in which a sensor may fail
@@ -49,15 +49,27 @@ def read_log(
     Raises:
         LogError: if the log is not as the mapping says.
     """
+    path = Path(path)
     if mapping.open_fields:
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
     form = (mapping.delimiter, mapping.decimal, mapping.names_line)
     table = tables.pop() if tables else read_table(path, *form)
     with reraise_as(LogError, f"{path}: "):
         limb = described_limb(mapping, parameters)
-        signals = _Signals(table.only(mapping.columns), mapping, limb, Path(path))
+        signals = _Signals(table.only(mapping.columns), mapping, limb, path)
         del table
-        return signals.parts(limb, Path(path).name), signals.remarks
+        # Gravity bends a limb whose log says so in its name.
+        (*_, bend) = signals.readings
+        if path.name.startswith(SAG_PREFIX) and not signals.duty.any() and not mapping.bend.e2:
+            limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bend)) or -1.0), 0.0]
+            text = "By its name, gravity bends the limb here, to the side of its bend."
+            signals.remarks.append(text)
+        parts = signals.parts()
+    # Say which part of the log each recording is of.
+    for number, part in enumerate(parts, 1):
+        part["parameters"] = limb
+        part["source"] = f"log {path.name}" + (f", part {number}" if len(parts) > 1 else "")
+    return parts, signals.remarks
 
 
 def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
@@ -118,13 +130,11 @@ class _Signals:
         self.rate = given_rate or clock.usual_rate(times)
         if mapping.join:
             times, table = _joined(times, table, mapping, path)
-        times = times - times[0]
         # Turn columns into signals.
         bends = bends_of(table, mapping)
         num_wires = len(limb.wires)
         self.duty = np.zeros((num_wires, len(times)))
-        self.readings = np.full((num_wires + len(bends), len(times)), np.nan)
-        self.readings[num_wires:] = bends
+        self.readings = np.vstack([np.full(self.duty.shape, np.nan), bends])
         for wire in mapping.wires:
             index = limb.wire_names.index(wire.name)
             if wire.duty:
@@ -144,14 +154,14 @@ class _Signals:
             self.remarks.append(f"{_n_rows(first)} without bend or heat left out at the beginning.")
         if len(times) - first < 2 or not is_bent.any():
             raise LogError("no row has a bend; correct the mapping's bend.")
-        self.times = times[first:]
+        self.times = times[first:] - times[0]
         self.duty = self.duty[:, first:]
         self.readings = self.readings[:, first:]
         for row in self.readings:
             row[:] = _interpolate_slow_sensor(self.times, row)
 
-    def parts(self, limb: LimbParameters, log_name: str) -> list[dict[str, Any]]:
-        """Return arguments of `Recording` for each part whose duty is known.
+    def parts(self) -> list[dict[str, Any]]:
+        """Return signals of a `Recording` for each part whose duty is known.
 
         Raises:
             LogError: if no part is long enough.
@@ -161,17 +171,10 @@ class _Signals:
         if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
             text = f"{count} of {_n_rows(len(times))} lack a reading, which stays empty."
             self.remarks.append(text)
-        cuts = self._cuts_at_gaps()
-        cuts = self._cuts_of_long_parts(cuts)
-        # Gravity bends a limb whose log says so in its name.
-        bends = self.readings[len(self.duty) :]
-        if log_name.startswith(SAG_PREFIX) and not self.duty.any() and len(bends) == 1:
-            limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bends)) or -1.0), 0.0]
-            text = "By its name, gravity bends the limb here, to the side of its bend."
-            self.remarks.append(text)
+        cuts = self._cuts_of_long_parts(self._cuts_at_gaps())
         # Resample each part that is long enough.
         parts: list[dict[str, Any]] = []
-        for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
+        for start, end in itertools.pairwise(cuts):
             is_short = len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
             if end - start < 2 or is_short:
                 where = f"{_n_rows(end - start)} from {times[start]:.0f} s on"
@@ -180,9 +183,7 @@ class _Signals:
             rows = slice(start, end)
             part_times = times[rows] - times[start]
             part = resampled(part_times, self.duty[:, rows], self.readings[:, rows], self.rate)
-            where = f", part {number}" if len(cuts) > 2 else ""
-            source = f"log {log_name}{where}"
-            parts.append({**part, "parameters": limb, "source": source, "sample_rate": self.rate})
+            parts.append({**part, "sample_rate": self.rate})
         if not parts:
             raise LogError(f"no part of {MIN_PART_DURATION:g} s or more has rows without a gap.")
         return parts
@@ -197,14 +198,14 @@ class _Signals:
         is_unknown = np.abs(after - before).max(axis=0) > MIN_DUTY_CHANGE
         is_unknown |= (gaps[long] > MAX_HEATED_GAP) & (np.maximum(before, after).max(axis=0) > 0)
         is_unknown |= gaps[long] > MAX_PAUSE
-        if is_unknown.any():
-            ends = ", ".join(f"{time:.0f} s" for time in self.times[long[is_unknown]])
+        cut = long[is_unknown]
+        if len(cut):
+            ends = ", ".join(f"{time:.0f} s" for time in self.times[cut])
             self.remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
-        if (~is_unknown).any():
-            kept_gaps = gaps[long[~is_unknown]]
+        if len(kept_gaps := gaps[long[~is_unknown]]):
             text = f"{len(kept_gaps)} gaps of over {clock.MIN_GAP:g} s, the longest of"
             self.remarks.append(f"{text} {kept_gaps.max():.1f} s.")
-        return [0, *(long[is_unknown] + 1).tolist(), len(self.times)]
+        return [0, *(cut + 1).tolist(), len(self.times)]
 
     def _cuts_of_long_parts(self, cuts: list[int]) -> list[int]:
         """Return the cuts, and further ones where wires are coldest, if a part is too long."""
@@ -372,48 +373,9 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
     angle = link_directions([_numbers(table, column, mapping) for column in bend.line])[0]
     if bend.base_line:
         links = link_directions([_numbers(table, column, mapping) for column in bend.base_line])
-        turn = _wrapped(links[-1] - links[0])  # none if there is one link only
+        turn = wrapped(links[-1] - links[0])  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
-    return _wrapped(angle - bend.zero) * bend.scale
-
-
-def link_directions(coordinates: list[np.ndarray]) -> np.ndarray:
-    """Return directions of the links between P points in a picture (P - 1, K), °.
-
-    In the picture y points down. Directions are nan where a point is at 0, 0, or all have been
-    where they are, to all digits, for some rows: so do trackers write that they have lost them.
-
-    Args:
-        coordinates: x and y (K,) of each point.
-    """
-    columns = np.array(coordinates)
-    x = columns[::2]
-    y = columns[1::2]
-    rows = np.arange(columns.shape[1])
-    moved = np.append(True, (np.diff(columns, axis=1) != 0).any(axis=0))
-    since = rows - np.maximum.accumulate(np.where(moved, rows, 0))
-    is_lost = ((x == 0) & (y == 0)).any(axis=0) | (since >= STILL_ROWS)
-    directions = np.rad2deg(np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
-    return np.where(is_lost, np.nan, directions)
-
-
-def base_direction(coordinates: list[np.ndarray]) -> float:
-    """Return the direction of a limb's base in a picture whose y points down, °; 0 if not seen.
-
-    A link has the direction of the tangent at its middle, and the base is half a
-    link before the first one, as for constant curvature.
-
-    Args:
-        coordinates: x and y (K,) of two or more points, the base first.
-    """
-    links = link_directions(coordinates)
-    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=0, period=360.0)
-    base = links[0] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
-    return round(float(np.median(base)), 2) if base.size else 0.0
-
-
-def _wrapped(degrees: np.ndarray) -> np.ndarray:
-    return (degrees + 180.0) % 360.0 - 180.0
+    return wrapped(angle - bend.zero) * bend.scale
 
 
 def resampled(

@@ -8,26 +8,25 @@ import dataclasses
 import functools
 import itertools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
 from calibration.import_logs import clock, evidence, mapping, words
+from calibration.import_logs.columns import Column, ColumnList, read_columns
 from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
-from calibration.import_logs.log_signals import base_direction, bends_of
+from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
+from calibration.import_logs.points import base_direction, bends_from_first
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
-FULL_SCALES = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
-POWER_WORDS = {"power", "pow", "leistung", "heizleistung", "watt", "watts", "W"}  # in W, or shares
-SHARE_WORDS = {"duty", "duties", "tastgrad"}
-PERCENT_WORDS = {"%", "percent", "pct", "prozent"}
+FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, 65535.0)
+COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
-MAX_NUMBER = 1e9  # that no number but a time's is beyond
-MISSING_CODES = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
+MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
 ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
 READING_RANGES = {"C": (8.0, 80.0, 300.0), "F": (46.0, 180.0, 570.0), "K": (281.0, 360.0, 575.0)}
 MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
@@ -37,14 +36,12 @@ MAX_COLD_SPREAD = 0.1  # of the coldest readings of a long log, in shares of its
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
 SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
-MIN_HEAT_CORRELATION = 0.5  # correlation of a column with the heat that it follows
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
-MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent evenly
 CONTRADICTIONS = ("inverted", "mixed units", "named thermocouple", "named unit")  # questions
 DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
@@ -76,7 +73,7 @@ class Proposal:
 
     - ``name``: the limb's name, if several share the log; else empty.
     - ``mapping``: mapping of the log's columns.
-    - ``notes``: what each column is taken for, and why, in lines.
+    - ``notes``: what each column is taken for, in lines.
     - ``questions``: what is asked.
     - ``is_heated``: whether wires are heated, so that numbers confirm the names.
     - ``columns``: names of all columns of the log.
@@ -88,67 +85,6 @@ class Proposal:
     questions: list[Question] = dataclasses.field(default_factory=list)
     is_heated: bool = False
     columns: list[str] = dataclasses.field(default_factory=list)
-
-
-class Column:
-    """A column: its name, and its numbers (K,) in rows whose time increases."""
-
-    def __init__(self, name: Name, values: np.ndarray, steps: Steps):
-        self.name = name
-        self.text = name.text
-        self.values = values
-        self.steps = steps
-        is_missing = np.isnan(values)
-        self.present = values[~is_missing] if is_missing.any() else values
-        self.low = self.high = self.span = 0.0
-        if len(self.present):
-            self.low, self.high = np.quantile(self.present, [0.02, 0.99])
-            self.span = float(np.ptp(self.present))
-        # A duty is 0 at times, stands still mostly, and is not negative.
-        self.looks_like_heat = False
-        if self.span and self.present.min() >= 0 and self.present.max() <= FULL_SCALES[-1]:
-            is_mostly_still = bool(np.mean(np.diff(self.present) == 0) > 0.5)
-            self.looks_like_heat = is_mostly_still and bool((self.present == 0).mean() > 0.02)
-
-    @functools.cached_property
-    def means(self) -> np.ndarray:
-        """Its mean in each step (N,)."""
-        return self.steps.means(self.values)
-
-    def heat(self, sign: float = 1.0) -> np.ndarray:
-        """Return the heat of a duty in each step (N,), by its positive or negative numbers."""
-        most = np.abs(self.present).max() or 1.0
-        return self.steps.heat(np.clip(sign * self.values, 0.0, None)) / most
-
-    def votes(self, heats: np.ndarray) -> np.ndarray:
-        """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
-        gains, errors = self.steps.responses(heats, self.means[None])
-        votes = gains[0] / errors[0]
-        for index, heat in enumerate(heats):
-            votes[index] *= abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION
-        return votes
-
-
-class ColumnList(list[Column]):
-    """Some columns of a log."""
-
-    @property
-    def texts(self) -> list[str]:
-        """The name of each column, as the log has it."""
-        return [column.text for column in self]
-
-    @property
-    def moving(self) -> "ColumnList":
-        """The columns whose numbers change."""
-        return ColumnList(column for column in self if column.span)
-
-    def labelled(self, label: str) -> "ColumnList":
-        """Return the columns with a wire's label in their names; none if it is empty."""
-        return ColumnList(column for column in self if label and column.name.label == label)
-
-    def without(self, columns: list[Column]) -> "ColumnList":
-        """Return the columns that are not among some others."""
-        return ColumnList(column for column in self if column not in columns)
 
 
 class Columns:
@@ -169,21 +105,27 @@ class Columns:
         time: mapping.TimeColumn | None = None,
     ):
         self.table = table
-        # Begin with names, and the time.
         self.limb = limb or LimbParameters()
         self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
         self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
         self.dictionary = dictionary
         self.questions: list[Question] = []
-        self.notes: dict[str, str] = {}
+        self.notes: list[str] = []
+        self.free = ColumnList()  # the columns whose signal is not known yet
         self.duties = ColumnList()
         self.temperatures = ColumnList()
         self.wires: list[WireColumns] = []  # the first ones have the duties
         self.is_inverted = False  # the duty, as it seems
+        # Begin with names, and the time.
         names = []
         for text, unit in zip(table.names, table.units, strict=True):
             names.append(Name(text, dictionary, unit, table.names))
-        self.time = time or self._time(names)
+        self.time = time or clock.find_time(table, names)
+        if self.time.unit == UNKNOWN:
+            self.ask("time unit", "time.unit", ["s", "ms", "us"], column=self.time.column)
+        if not self.time.column or self.time.unit == mapping.FRAMES:
+            what = f"the frames in {self.time.column}" if self.time.column else "the rows"
+            self.ask("rate", "rate", ["10.0"], what=what)
         # To see what follows what, rows without a time come at any rate.
         try:
             self.times, self.rows, _ = clock.times_of(table, self.time, 10.0)
@@ -192,25 +134,10 @@ class Columns:
             self.rows = slice(None)
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
-        # Find the numbers that stand for no reading in any column but the time, and leave them out.
-        values_of_name = {}
-        missing: set[float] = set()
-        for name in names:
-            if name.text not in (self.time.column, self.time.fraction):
-                values_of_name[name] = table.numbers(name.text)[self.rows]
-                missing |= _missing_codes(values_of_name[name])
-        self.missing = sorted(missing)
-        self.columns = ColumnList()
-        for name, values in values_of_name.items():
-            is_left_out = np.abs(values) > MAX_NUMBER
-            if self.missing:
-                is_left_out |= np.isin(values, self.missing)
-            if name.role == TEMPERATURE:
-                is_left_out |= values == 0
-            cleaned = np.where(is_left_out, np.nan, values) if is_left_out.any() else values
-            column = Column(name, cleaned, self.steps)
-            if len(column.present) > 5:
-                self.columns.append(column)
+        is_time = (self.time.column, self.time.fraction).__contains__
+        names = [name for name in names if not is_time(name.text)]
+        self.columns, self.missing = read_columns(table, names, self.rows, self.steps)
+        self.free = ColumnList(self.columns)
 
     @functools.cached_property
     def heats(self) -> np.ndarray:
@@ -218,7 +145,8 @@ class Columns:
         heats = np.zeros((len(self.duties), len(self.steps.times)))
         for index, duty in enumerate(self.duties):
             heats[index] = duty.heat(self.wires[index].sign)
-        return heats
+        # What follows inverted duties is judged as if they were turned.
+        return heats.max(axis=1, keepdims=True) - heats if self.is_inverted else heats
 
     def ask(
         self, kind: str, field: str, choices: Iterable["str | Column"] = (), **facts: object
@@ -229,85 +157,77 @@ class Columns:
             choices: answers that seem possible, or columns that do.
             facts: what the question says; ``columns`` are the choices if left out.
         """
-        texts = [choice.text if isinstance(choice, Column) else choice for choice in choices]
+        choices = list(choices)
+        self.free = self.free.without(choices)
+        texts = list(map(str, choices))
         facts = {"columns": " and ".join(texts), "hint": self.hint, **facts}
         text = words.QUESTIONS[kind].format(**facts)
         self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
-        """Return a mapping with the notes and questions; columns without a note are not used."""
-        notes = self.notes | dict.fromkeys(self.columns.texts, "not used") | self.notes
-        lines = [f"{column}: {note}" for column, note in notes.items()]
+        """Return a mapping with the questions, and a note on each column."""
+        bend = log_mapping.bend
+        notes = dict.fromkeys(bend.columns, f"the bend ({bend.measures})")
+        notes[log_mapping.time.column] = f"time ({log_mapping.time.unit})"
+        for wire in log_mapping.wires:
+            whose = "a wire" if wire.name == UNKNOWN else f"the {wire.name} wire"
+            sign = "negative " if wire.sign < 0 else ""
+            duty = f"{sign}duty of {whose}"
+            notes[wire.duty] = f"{notes[wire.duty]}, {duty}" if wire.duty in notes else duty
+            notes[wire.temperature] = f"temperature of {whose} ({wire.unit})"
+        notes = dict.fromkeys(self.table.names, "not used") | notes
+        lines = [f"{column}: {notes[column]}" for column in self.table.names]
         is_heated = bool(self.duties.moving)
-        return Proposal(name, log_mapping, lines, self.questions, is_heated, self.table.names)
+        return Proposal(
+            name, log_mapping, lines + self.notes, self.questions, is_heated, self.table.names
+        )
 
     def _of_role(self, role: str) -> ColumnList:
         """Return the columns whose names say this role, and that are measured."""
-        return ColumnList(c for c in self.columns if c.name.role == role and c.name.is_measured)
+        return self.columns.where(lambda c: c.name.role == role and c.name.is_measured)
 
     def _unnamed(self) -> ColumnList:
-        """Return columns that move, whose names say neither a signal nor another quantity."""
-        unnamed = self._of_role("").moving
-        plain = [c for c in unnamed if c.name.quantity in ("", "counts")]
-        return ColumnList(c for c in plain if c.text not in self.notes)
+        """Return free columns that move, and whose names say no signal and no other quantity."""
+        plain = self._of_role("").moving.where(lambda c: c.name.quantity in ("", "counts"))
+        return plain.where(self.free.__contains__)
 
-    def _time(self, names: list[Name]) -> mapping.TimeColumn:
-        """Return the column that increases as a clock does; a question if there is none."""
-        time = clock.find_time(self.table, names)
-        if time.column:
-            self.notes[time.column] = f"time, {time.unit}; it increases as a clock does"
-            if time.unit == UNKNOWN:
-                self.ask("time unit", "time.unit", ["s", "ms", "us"], column=time.column)
-            return time
-        # Without a clock, frames or rows come at a rate.
-        rows = "the rows"
-        for name in names:
-            if name.role == words.FRAME and (np.diff(self.table.numbers(name.text)) > 0).all():
-                time = mapping.TimeColumn(name.text, mapping.FRAMES)
-                rows = f"the frames in {name.text}"
-                break
-        self.ask("rate", "rate", ["10.0"], what=rows)
-        return time
-
-    def _find(self, role: str, is_likely: Callable[[Column], bool]) -> ColumnList:
-        """Return the columns of a role by their names, else the likely ones of one stem."""
-        named = self._of_role(role)
-        if role != DUTY:
-            named = ColumnList(c for c in named if c.name.quantity != "counts")
-        if named:
-            return named
-        unnamed = self._unnamed()
-        likely = ColumnList(filter(is_likely, unnamed))
-        stems = {column.name.stem for column in likely}
-        similar = [column for column in unnamed if column.name.stem in stems]
-        if len(stems) > 1 or (len(similar) > len(likely) and self.table.has_names):
+    def _like_columns(self, role: str, unnamed: ColumnList, likely: ColumnList) -> ColumnList:
+        """Return the columns that are alike and of a role by their numbers; else ask for it."""
+        stems = set(likely.each("name.stem"))
+        similar = unnamed.where(lambda c: c.name.stem in stems)
+        if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
+            return likely
+        if stems:
             self.ask("like columns", f"wires[0].{role}", similar, role=role)
-            return ColumnList()
-        return likely
+        return ColumnList()
 
     # Duty.
 
     def find_duties(self) -> None:
-        """Find the duties and their wires; columns whose names say nothing must be followed."""
-        # Keep the columns whose names say it best; left comes before right.
-        candidates = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
-        best = min((column.name.rank for column in candidates), default=0)
-        self.duties = ColumnList(c for c in candidates if c.name.rank == best)
+        """Find the duties, left before right, and a wire for each; two for a duty with a sign."""
+        # Keep the columns whose names say it best; without names, columns that others follow.
+        candidates = self._of_role(DUTY)
+        if not candidates:
+            unnamed = self._unnamed()
+            likely = unnamed.where(lambda c: c.looks_like_heat and self._is_followed(c))
+            candidates = self._like_columns(DUTY, unnamed, likely)
+        best = min(candidates.each("name.rank"), default=0)
+        self.duties = candidates.where(lambda c: c.name.rank == best)
         self.duties.sort(key=lambda column: column.name.order)
-        for column in self.duties:
-            reason = "by its name" if column.name.role else "which others follow"
-            self.notes[column.text] = f"duty, {reason}"
+        self.free = self.free.without(self.duties)
         if not self.duties:
-            self.ask("no duty", "wires[0].duty", [c for c in self.columns if c.looks_like_heat])
+            if not self.questions or self.questions[-1].field != "wires[0].duty":
+                likely = self.columns.where(lambda c: c.looks_like_heat)
+                self.ask("no duty", "wires[0].duty", likely)
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
             return
         # Numbers with a sign heat two wires.
         signs = [1.0]
-        if any(column.present.min() < 0 for column in self.duties):
+        if self.duties.where(lambda c: c.present.min() < 0):
             signs = [-1.0, 1.0]
             self.duties = ColumnList(sorted(self.duties * 2, key=self.duties.index))
         # Names of the limb's wires have the words of the columns.
-        labels = [column.name.label for column in self.duties]
+        labels = self.duties.each("name.label")
         wire_of_label = {}
         for wire_name in self.limb.wire_names:
             wire_of_label[Name(wire_name, self.dictionary).label or wire_name] = wire_name
@@ -327,51 +247,26 @@ class Columns:
 
     def full_duty(self) -> float:
         """Return the number of full duty; 0 and a question if nothing tells it."""
-        # Find the numbers of each duty.
         duties = ColumnList(dict.fromkeys(self.duties))
-        levels = []
-        tops = []
-        is_switched = False
-        for column in duties.moving:
-            levels.append(np.unique(np.abs(column.present)))
-            tops.append(float(levels[-1].max()))
-            is_switched |= levels[-1].tolist() == [0.0, 1.0]
-        if not levels:
+        if not duties.moving:
             return 1.0
-        most = max(tops)
-        # Find the words and ranges in the names, and duties that are inverted.
-        words_and_units = set()
-        ranges = set()
-        is_inverted = False
+        # Find the numbers of the duties.
+        levels = np.unique(np.abs(np.concatenate(duties.moving.each("present"))))
+        tops = duties.moving.each("top")
+        full = _full_scale(duties, levels[levels > 0])
+        # Duties must have one unit, and wires must not rest or cool at the most of their duties.
+        is_switch = 1.0 in tops and len(levels) > 2
+        is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops) or (is_switch and min(tops) < 1.0)
         for column in duties:
-            words_and_units |= {*column.name.words, column.name.unit}
-            ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
-            # A wire that is at its most while it rests or cools is off there.
             rests = (column.present == column.present.max()).mean() > 0.05
-            is_inverted |= (rests and column.present.min() > 0) or self._cools(column)
-        # Like columns have one unit.
-        is_mixed = most > MAX_DUTY_RATIO * min(tops) or (is_switched and min(tops) < 1.0)
-        # Names may have a range, such as 0..255, or a unit; else numbers tell.
-        if len(ranges) == 1:
-            full = float(min(ranges))
-            full = full if most <= 1.001 * full else 0.0
-        elif words_and_units & PERCENT_WORDS:
-            full = 100.0 if 1.0 < most <= 100.1 else 0.0
-        elif words_and_units & POWER_WORDS:
-            full = 0.0
-        else:
-            numbers = np.unique(np.concatenate(levels))
-            full = _full_by_numbers(numbers[numbers > 0], words_and_units)
-        if full and not is_inverted and not is_mixed:
+            if (rests and column.present.min() > 0) or self._cools(column):
+                self.is_inverted = True
+        if full and not is_mixed and not self.is_inverted:
             return full
-        # What follows is judged as if duties that look inverted were; then the sign is asked, too.
-        if is_inverted:
-            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
-            self.is_inverted = True
-        kind = "inverted" if is_inverted else "mixed units" if is_mixed else "full duty"
-        likely = [f"{scale:g}" for scale in FULL_SCALES if most <= 1.001 * scale][:3]
+        kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
+        likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
         texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
-        self.ask(kind, "full", likely, columns=" and ".join(duties.texts), tops=texts)
+        self.ask(kind, "full", likely, columns=" and ".join(duties.each("text")), tops=texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
@@ -382,15 +277,21 @@ class Columns:
     # Thermocouples.
 
     def find_temperatures(self) -> None:
-        """Find the thermocouples; columns whose names say nothing must be warmed."""
+        """Find the thermocouples; columns of one stem whose names say nothing must be warmed."""
+        named = self._of_role(TEMPERATURE)
+        self.temperatures = named.where(lambda c: c.name.quantity != "counts")
+        if not self.temperatures and self.duties:
+            unnamed = self._unnamed().where(lambda c: not c.name.quantity)
+            warmed = unnamed.where(self._is_warmed)
+            self.temperatures = self._like_columns(TEMPERATURE, unnamed, warmed)
+        self.free = self.free.without(self.temperatures)
 
-        def is_warmed(column: Column) -> bool:
-            if not self.duties or not -10.0 < column.low < 320.0 or column.present.max() > 620.0:
-                return False
-            votes = column.votes(self.heats)
-            return bool(votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE)
-
-        self.temperatures = self._find(TEMPERATURE, is_warmed)
+    def _is_warmed(self, column: Column) -> bool:
+        """Return whether a column may be a temperature, which a duty raises and none lowers."""
+        if not -10.0 < column.low < 320.0 or column.present.max() > 620.0:
+            return False
+        votes = column.votes(self.heats)
+        return bool(votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE)
 
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
@@ -398,20 +299,20 @@ class Columns:
             return
         # Find the thermocouples that clearly warm with each wire.
         unpaired = ColumnList(self.temperatures)
-        signals = np.array([column.means for column in unpaired])
+        signals = np.array(unpaired.each("means"))
         warming, errors = self.steps.responses(self.heats, signals)
-        warmed_sensors = evidence.clear_pairs(warming, errors)
+        warmed_rows = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
-        labels = [column.name.label for column in self.duties]
-        sensor_labels = [column.name.label for column in self.temperatures]
+        labels = self.duties.each("name.label")
+        sensor_labels = self.temperatures.each("name.label")
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
         # Names decide, if heat does not contradict them; else heat does.
         open_wires = []
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
             named = self.temperatures.labelled(label)
-            sensor = warmed_sensors[index]
-            warmed = None if sensor is None else self.temperatures[sensor]
+            row = warmed_rows[index]
+            warmed = None if row is None else self.temperatures[row]
             reason = ""
             if len(named) > 1:
                 reason = f"Several have the name of {wire.name}"
@@ -419,101 +320,102 @@ class Columns:
                 reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
             elif named:
                 row = self.temperatures.index(named[0])
-                if evidence.has_rival(warming[row], errors[row], index):
+                gain = warming[row, index]
+                error = errors[row, index]
+                if (evidence.margin(warming[row], errors[row], gain, error) > MIN_VOTE).any():
                     reason = f"Names say {named[0].text}, but it warms more with another wire"
             if reason:
                 self._ask_temperature(index, [*named, *filter(None, [warmed])], reason)
                 unpaired = unpaired.without(named)
             elif named:
-                self._set_temperature(wire, named[0], "by its name")
+                wire.temperature = named[0].text
                 unpaired.remove(named[0])
             elif warmed and warmed in unpaired and self._may_have(wire, warmed):
-                self._set_temperature(wire, warmed, f"it warms with {wire.duty}")
+                wire.temperature = warmed.text
                 unpaired.remove(warmed)
             else:
                 open_wires.append(index)
-        # Of columns of one stem, the only one that is left is of the only wire that is left.
-        are_similar = len({column.name.stem for column in self.temperatures}) == 1
-        is_last = are_similar and len(self.temperatures) == len(self.wires) and len(open_wires) == 1
+        # Ask about wires that may have one of the thermocouples that are left.
         for index in open_wires:
-            wire = self.wires[index]
-            candidates = [column for column in unpaired if self._may_have(wire, column)]
-            if is_last and len(unpaired) == len(candidates) == 1:
-                self._set_temperature(wire, unpaired.pop(), "the only one that is left")
-            elif candidates:
+            candidates = unpaired.where(functools.partial(self._may_have, self.wires[index]))
+            if candidates:
                 self._ask_temperature(index, candidates)
         self._name_by_thermocouples()
         # Ask about thermocouples without a wire.
+        asked = set(itertools.chain(*(question.choices for question in self.questions)))
         for column in unpaired:
-            if column.text not in self.notes:
-                self.wires.append(
-                    WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
-                )
-                field = f"wires[{len(self.wires) - 1}].duty"
+            if column.text not in asked:
+                field = f"wires[{len(self.wires)}].duty"
+                wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
+                self.wires.append(wire)
                 self.ask("no wire", field, ["''", "none"], column=column.text)
 
     def _name_by_thermocouples(self) -> None:
         """Give wires without a side in their names the side of their thermocouples' names."""
-        side_of_column = {column.text: column.name.side for column in self.temperatures}
+        side_of_column = dict(
+            zip(self.temperatures.each("text"), self.temperatures.each("name.side"), strict=True)
+        )
         sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
         is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
         if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
             return
-        for wire, side in zip(self.wires, sides, strict=True):
-            wire.name = side or UNKNOWN
-            self.notes |= {wire.temperature: f"temperature of the {side} wire"} if side else {}
         # Of two wires, the other one is on the other side.
         if len(sides) == 2 and "" in sides and any(sides):
-            self.wires[sides.index("")].name = LEFT if RIGHT in sides else RIGHT
+            sides[sides.index("")] = LEFT if RIGHT in sides else RIGHT
+        for wire, side in zip(self.wires, sides, strict=True):
+            wire.name = side or UNKNOWN
 
     def _may_have(self, wire: WireColumns, column: Column) -> bool:
         """Return whether a thermocouple's name does not say that it is of another wire."""
         return column.name.side in ("", wire.name) or wire.name == UNKNOWN
 
-    def _set_temperature(self, wire: WireColumns, column: Column, reason: str) -> None:
-        wire.temperature = column.text
-        self.notes[column.text] = f"temperature of the wire that {wire.duty} heats, {reason}"
-
     def _ask_temperature(self, index: int, choices: list[Column], contradiction: str = "") -> None:
         wire = self.wires[index]
         wire.temperature = UNKNOWN
-        units = {column.name.unit for column in choices}
+        units = set(ColumnList(choices).each("name.unit"))
         wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
-        for column in choices:
-            self.notes[column.text] = "a temperature, see the question"
         kind = "named thermocouple" if contradiction else "thermocouple"
         field = f"wires[{index}].temperature"
         self.ask(kind, field, dict.fromkeys(choices), duty=wire.duty, reason=contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the unit of their room."""
-        texts = self.temperatures.texts
+        texts = self.temperatures.each("text")
         for index, wire in enumerate(self.wires):
             if wire.temperature not in texts:
                 continue
             column = self.temperatures[texts.index(wire.temperature)]
             unit_in_name = column.name.unit if column.name.unit in READING_RANGES else ""
-            similar = ColumnList(c for c in self.temperatures if c.name.unit == column.name.unit)
-            # Limbs that rest are in a room; warm ones may be known by how cold they become.
-            first = [float(np.median(c.present[:5])) for c in similar]
-            lowest = [c.low for c in similar]
-            is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
-            rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
-            unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
-            unit = unit_in_name or ((rooms or [UNKNOWN])[0] if is_at_rest else unit)
-            if unit == "F" and not unit_in_name and not self.is_long:
-                unit = UNKNOWN  # a limb that is warm in °C begins where a room is in °F
-            # Readings must be possible in this unit.
-            coldest, warmest, hottest = READING_RANGES.get(unit, (-np.inf, np.inf, np.inf))
-            is_possible = coldest < column.low < warmest and column.high < hottest
-            is_possible &= not (is_at_rest and rooms and unit_in_name and unit_in_name not in rooms)
-            is_possible &= unit == UNKNOWN or self._are_in_one_room(similar, unit)
-            wire.unit = unit if is_possible else UNKNOWN
-            # Ask if they are not.
+            units = np.array(self.temperatures.each("name.unit"))
+            is_similar = units == column.name.unit
+            similar = ColumnList(itertools.compress(self.temperatures, is_similar))
+            wire.unit = self._unit_of(similar, unit_in_name)
             if wire.unit == UNKNOWN:
                 kind = "named unit" if unit_in_name else "unit"
                 facts = {"column": column.text, "low": column.low, "high": column.present.max()}
                 self.ask(kind, f"wires[{index}].unit", READING_RANGES, **facts)
+
+    def _unit_of(self, sensors: ColumnList, unit_in_name: str) -> str:
+        """Return the unit in which readings of like sensors are possible; else `UNKNOWN`."""
+        # Limbs that rest are in a room; warm ones may be known by how cold they become.
+        first = [float(np.median(column.present[:5])) for column in sensors]
+        lowest = sensors.each("low")
+        is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
+        rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
+        unit = unit_in_name
+        if not unit and is_at_rest:
+            unit = (rooms or [UNKNOWN])[0]
+        elif not unit:
+            unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
+        if unit == "F" and not unit_in_name and not self.is_long:
+            unit = UNKNOWN  # a limb that is warm in °C begins where a room is in °F
+        if unit == UNKNOWN or (is_at_rest and rooms and unit_in_name and unit not in rooms):
+            return UNKNOWN
+        # Readings must be possible in this unit.
+        coldest, warmest, hottest = READING_RANGES[unit]
+        is_possible = coldest < min(lowest) and max(lowest) < warmest
+        is_possible &= max(sensors.each("high")) < hottest
+        return unit if is_possible and self._are_in_one_room(sensors, unit) else UNKNOWN
 
     def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
         """Return whether readings may be true temperatures in one room, without offsets.
@@ -522,38 +424,38 @@ class Columns:
         that has an offset stays apart from the others, and does not cool.
         """
         moving = sensors.moving
-        coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
         if not moving:
             return True
-        _, warmest_room = ROOM_RANGES[unit]
-        if self.is_long and max(coldest) > warmest_room:
+        coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
+        if self.is_long and max(coldest) > ROOM_RANGES[unit][1]:
             return False
-        # In a short log wires cool less, so that their coldest readings may be farther apart.
         min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
-        shortness = max(1.0, LONG_LOG_TIME / (self.times[-1] - self.times[0]))
-        most_warming = max(column.span for column in moving)
-        max_spread = max(min_offset, MAX_COLD_SPREAD * shortness**2.5 * most_warming)
+        most_warming = max(moving.each("span"))
+        if np.ptp(coldest) >= max(min_offset, MAX_COLD_SPREAD * most_warming):
+            return False
         # Before the first heat, a wire that is warmer than others cools.
-        warmest = max(moving, key=lambda column: column.means[0])
+        starts = np.array(moving.each("means"))[:, 0]
+        warmest = moving[int(starts.argmax())]
+        lead = float(np.ptp(starts))
         num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
-        halves = np.array_split(warmest.means[:num_steps], 2)
-        lead = warmest.means[0] - min(column.means[0] for column in moving)
-        if num_steps > 5 and lead > min_offset:
-            # Between the middles of the halves it cools for half of the time, at its slowest.
-            cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
-            if np.nanmean(halves[0]) - np.nanmean(halves[1]) < cooling:
-                return False
-        return np.ptp(coldest) < max_spread
+        if num_steps <= 5 or lead <= min_offset:
+            return True
+        # Between the middles of the halves it cools for half of the time, at its slowest.
+        first_half, second_half = np.array_split(warmest.means[:num_steps], 2)
+        cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
+        return bool(np.nanmean(first_half) - np.nanmean(second_half) >= cooling)
 
     # The bend.
 
     def bend(self) -> BendColumns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
-        points = self._points()
-        places = {x.name.place for x, _ in points}
-        of_points = [c for c in self.columns if c.name.axis and c.name.place in places]
         # Take what names say: angles, or else points.
+        points = self._points()
+        coordinates = ColumnList(itertools.chain(*points))
+        places = set(coordinates.each("name.place"))
+        of_points = self.columns.where(lambda c: c.name.axis and c.name.place in places)
         candidates = self._of_role(BEND).moving.without(of_points)
+        self.free = self.free.without([*of_points, *candidates])
         if points and not candidates:
             return self._line(points)
         if self.limb.segments[0].axes == 2 and len(candidates) == 2:
@@ -562,26 +464,19 @@ class Columns:
             bend_e3 = self._bend_column(second)
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
             return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
-        # Without names, it is the column that follows the heat.
-        hints = ColumnList()
+        # Without names, it is a column that follows the heat, or the only one that may be.
         if not candidates:
-            unnamed = self._unnamed()
-            possible = ColumnList()
-            used = [*self.duties, *self.temperatures, *of_points]
-            for column in self._of_role("").moving.without(used):
-                if column.looks_like_heat:
-                    continue
-                if column in unnamed:
-                    possible.append(column)
-                if (np.abs(column.votes(self.heats)) > MIN_VOTE).any():
-                    (candidates if column in unnamed else hints).append(column)
-            if len(possible) == 1 and not self.duties:
-                candidates = possible
+            unnamed = self._unnamed().where(lambda c: not c.looks_like_heat)
+            candidates = unnamed.where(self._is_bent)
+            if len(unnamed) == 1 and not self.duties:
+                candidates = unnamed
         if not candidates:
-            hint = ""
-            for column in hints[:3]:
-                hint += f"; {column.text} is a {column.name.quantity}: if it is it, give scale"
-            self.ask("no bend", "bend.column", hints[:3], hints=hint)
+            # Another quantity may be turned into it by a scale.
+            others = self._of_role("").moving.where(self.free.__contains__)
+            others = others.where(lambda c: not c.looks_like_heat)
+            likely = others.where(self._is_bent)[:3]
+            hints = [f"; {c.text} is a {c.name.quantity}: if it is it, give scale" for c in likely]
+            self.ask("no bend", "bend.column", likely, hints="".join(hints))
             return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(candidates, key=lambda c: c.name.rank)
@@ -591,6 +486,10 @@ class Columns:
                 self.ask("bend", "bend.column", candidates)
                 return BendColumns(UNKNOWN)
         return self._bend_column(first)
+
+    def _is_bent(self, column: Column) -> bool:
+        """Return whether a column clearly follows the heat of a wire."""
+        return bool((np.abs(column.votes(self.heats)) > MIN_VOTE).any())
 
     def _points(self) -> list[tuple[Column, Column]]:
         """Return the columns x and y of points in a picture; none if there is one point only."""
@@ -607,20 +506,19 @@ class Columns:
     def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
         coordinates = ColumnList(itertools.chain(*points))
-        texts = coordinates.texts
+        texts = coordinates.each("text")
         tip = texts[-2:]
-        self.notes |= dict.fromkeys(texts, "of a point")
-        says_fixed = any(self.dictionary.has("fixed", x.name.words) for x, _ in points)
-        says_base = self.dictionary.has("base", points[0][0].name.words)
+        says_fixed = "fixed" in set().union(*coordinates.each("name.says"))
+        says_base = "base" in coordinates[0].name.says
         # The base is the only point that does not move, and the first.
-        means = np.array([column.means for column in coordinates])
+        means = np.array(coordinates.each("means"))
         spreads = np.nanstd(means, axis=1)
         moves = np.hypot(spreads[::2], spreads[1::2])
         is_still = moves <= FIXED_POINT_SHARE * moves.max()
         is_clear = is_still[0] and not is_still[1:].any()
-        is_clear &= says_base or _bends_from_first(means[::2], means[1::2])
+        is_clear &= says_base or bends_from_first(means[::2], means[1::2])
         if not says_fixed and (is_clear or not self.heats.any()):
-            zero = base_direction([column.values for column in coordinates])
+            zero = base_direction(coordinates.each("values"))
             # In the picture, the limb's right is clockwise.
             return BendColumns(line=texts[:2] + tip, zero=zero, scale=-1.0, measures=mapping.CHORD)
         choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
@@ -629,18 +527,20 @@ class Columns:
 
     def _bend_column(self, column: Column) -> BendColumns:
         """Return how the bend is read from its column; the scale is 0 if that is not known."""
+        self.free = self.free.without([column])
         # Names say what the angle is of.
         name = column.name
         measures = mapping.CHORD if "chord" in name.words else mapping.BEND_ANGLE
-        if self.dictionary.has("tip tangent", name.words):
+        if "tip tangent" in name.says:
             measures = mapping.TIP_TANGENT
-        elif self.dictionary.has("orientation", name.words):
+        elif "orientation" in name.says:
             measures = UNKNOWN
             self.ask("orientation", "bend.measures", mapping.MEASURES, column=column.text)
         # Numbers that stay small while wires are hot are radians.
         rest = float(np.median(column.present[:10]))
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
-        is_hot = any(c.span > HOT_RISE for c in self.temperatures) and bool(self.heats.any())
+        is_hot = max(self.temperatures.each("span"), default=0.0) > HOT_RISE
+        is_hot &= bool(self.heats.any())
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
             scale = 0.0
@@ -653,7 +553,6 @@ class Columns:
         zero = rest if not scale or abs(rest) * scale > MAX_REST_BEND else 0.0
         if not scale:
             self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
-        self.notes[column.text] = f"the bend ({measures}), {scale:.4g} degrees a unit"
         return BendColumns(column.text, zero=zero, scale=scale, measures=measures)
 
     # Sides.
@@ -667,7 +566,7 @@ class Columns:
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
         # Heat in seconds of full duty shows which wires bend the limb.
-        tops = np.array([np.abs(column.present).max() for column in self.duties])
+        tops = np.array(self.duties.each("top"))
         full = log_mapping.full or max(tops, default=1)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
@@ -675,7 +574,7 @@ class Columns:
         is_nameless &= self.has_sides
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
         if wires and not is_heated.any():
-            self.notes["sign"] = "no heat shows which way the limb bends; check bend.scale's sign"
+            self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
             sides = np.array([-1.0, 1.0])[: len(wires)]
         elif wires and bend.scale and UNKNOWN not in bend.columns:
             votes = self._bend_votes(log_mapping)
@@ -692,24 +591,20 @@ class Columns:
             if is_clear and not self.is_inverted:
                 bend.scale *= sign
                 bend.scale_e3 *= sign
-                side = "away from its side" if sign < 0 else "to its side"
-                self.notes["sign"] = f"each wire bends the limb {side}, as the column counts it"
             else:
                 sides = np.array([])
                 choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
                 self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
                 bend.scale = 0.0
         # Name wires by their sides, or ask.
+        is_signed = len(set(self.duties)) < len(wires)
         for index, wire in enumerate(wires):
-            numbers = ""
-            if len(set(self.duties)) < len(wires):
-                numbers = f"{'positive' if wire.sign > 0 else 'negative'} numbers of "
             if is_nameless and len(sides):
                 wire.name = RIGHT if sides[index] > 0 else LEFT
-                self.notes[f"{wire.name} wire"] = f"{numbers}{wire.duty}, by the bend's sign"
             elif wire.name == UNKNOWN:
-                field = f"wires[{index}].name"
-                self.ask("wire", field, self.limb.wire_names, numbers=numbers, duty=wire.duty)
+                sign_text = "positive numbers of " if wire.sign > 0 else "negative numbers of "
+                duty = f"{sign_text if is_signed else ''}{wire.duty}"
+                self.ask("wire", f"wires[{index}].name", self.limb.wire_names, duty=duty)
 
     def _bend_votes(self, log_mapping: LogMapping) -> np.ndarray:
         """Return how clearly each wire bends the limb to its side (W,), in standard errors."""
@@ -734,19 +629,18 @@ class Columns:
         """Ask about what is left over and could be heat, or a wire's temperature."""
         # Wires without a thermocouple may have what warms with them.
         bare = [i for i in range(len(self.duties)) if not self.wires[i].temperature]
-        for column in self.columns.moving:
+        for column in self.free.moving:
             name = column.name
-            is_clock = name.role in (words.TIME, words.FRAME)
-            if is_clock or not name.is_measured or column.text in self.notes:
+            if not name.is_measured or name.role in (words.TIME, words.FRAME):
                 continue
             # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
             if column.looks_like_heat or is_duty:
                 if not self._is_explained(column) and (is_duty or self._is_followed(column)):
-                    self.wires.append(WireColumns(UNKNOWN, column.text))
                     what = f" is a {name.quantity}, but" if name.quantity else ""
-                    field = f"wires[{len(self.wires) - 1}].name"
+                    field = f"wires[{len(self.wires)}].name"
                     choices = [*self.limb.wire_names, "none"]
+                    self.wires.append(WireColumns(UNKNOWN, column.text))
                     self.ask("heat", field, choices, column=column.text, what=what)
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
@@ -783,60 +677,46 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     return columns.proposal("", log_mapping)
 
 
-def _bends_from_first(x: np.ndarray, y: np.ndarray) -> bool:
-    """Return whether links of P points x, y (P, N) turn as if clamped at the first point.
+def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
+    """Return the number of full duty; 0 if neither names nor numbers tell it.
 
-    For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
-    more near their base; a link that begins before the base turns less.
-    """
-    lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)
-    middles = np.cumsum(lengths) - lengths / 2
-    links = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
-    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=1)
-    turns = links.std(axis=1)
-    expected = turns[-1] * middles[0] / middles[-1]
-    return len(x) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
-
-
-def _full_by_numbers(levels: np.ndarray, words_and_units: set[str]) -> float:
-    """Return the number of full duty by what numbers there are of duty; 0 if they do not tell.
-
-    Programs set duty in hundredths: whole numbers that are all rounded hundredths of 255 are
-    counts of 8 bits, and not by chance if there are some of them. So are numbers of a "pwm"
-    beyond 100.
+    Programs set duty in hundredths. Whole numbers that are all rounded hundredths of a counter are
+    counts of it: of 255, two of five numbers are hundredths, and of 1023 one of ten.
 
     Args:
-        levels: the numbers but 0.
-        words_and_units: words and units in the names.
+        levels: the numbers in the duties but 0, without a sign.
     """
-    # Full scales, and shares with a fraction, tell it themselves.
+    # Names may have a range, such as 0..255, or a unit.
     most = float(levels.max())
-    is_in_fives = bool((levels % 5 == 0).all())
-    if most in FULL_SCALES or most <= 1.0:
-        return max(most, 1.0)
-    if (levels % 1 != 0).any():
+    says = set()
+    ranges = set()
+    for column in duties:
+        says |= {*column.name.says, *column.name.words, column.name.unit}
+        ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
+    if len(ranges) == 1:
+        full = float(min(ranges))
+        return full if most <= 1.001 * full else 0.0
+    if says & {"per cent", "%"}:
+        return 100.0 if 1.0 < most <= 100.1 else 0.0
+    if says & {"power duty", "power", "W"}:
+        return 0.0
+    # Shares of 1 or 100, or the most that a counter has, tell it themselves.
+    is_whole = bool((levels % 1 == 0).all())
+    is_pwm = "pwm" in says
+    if most <= 1.0:
+        return 1.0
+    if not is_whole:
         return 100.0 if MAX_VOLTS < most <= 100.1 else 0.0
-    if "pwm" in words_and_units and 100.0 < most <= 255.0:
-        return 255.0
-    if most <= 100.0 and words_and_units & SHARE_WORDS and len(levels) > 3 and is_in_fives:
-        return 100.0
-    # Else all numbers are hundredths of one full scale alone.
+    if most in COUNTED_SCALES or (most == 100.0 and not is_pwm):
+        return most
+    # Else all numbers are hundredths of one counter alone; a "pwm" has 8 bits if 7 are too few.
     fits = []
-    for full in FULL_SCALES[2:]:
-        hundredths = full * np.round(levels * 100 / full) / 100
-        if most <= full and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
-            fits.append(full)
-    enough = 2 if (most > 100.0 or "pwm" in words_and_units) and not is_in_fives else 8
-    return fits[0] if len(fits) == 1 and len(levels) > enough else 0.0
-
-
-def _missing_codes(values: np.ndarray) -> set[float]:
-    """Return the `MISSING_CODES` in a column (K,) that are far from all readings there."""
-    is_code = np.isin(values, MISSING_CODES)
-    readings = values[~np.isnan(values) & ~is_code]
-    if not is_code.any() or not len(readings):
-        return set()
-    low, high = np.quantile(readings, [0.01, 0.99])
-    codes = np.unique(values[is_code])
-    is_near = (codes > low - 2 * (high - low) - 1) & (codes < high + 2 * (high - low) + 1)
-    return set(codes[~is_near].tolist())
+    for scale in COUNTED_SCALES:
+        hundredths = scale * np.round(levels * 100 / scale) / 100
+        if most <= scale and (np.abs(hundredths - levels) < 0.5 + 1e-6).all():
+            fits.append(scale)
+    is_in_fives = bool((levels % 5 == 0).all())
+    may_be_few = (is_pwm or most > 100.0) and not is_in_fives
+    if len(fits) == 1 and len(levels) >= (MIN_LEVELS[0] if may_be_few else MIN_LEVELS[1]):
+        return fits[0]
+    return 255.0 if is_pwm and 127.0 < most <= 255.0 else 0.0

@@ -22,7 +22,7 @@ from limb_systems.progress import Progress
 
 # The names that mappings have for delimiters; "space" is any white space.
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
-SAMPLE_ROWS = 200  # which show the form of the lines
+SAMPLE_ROWS = 100  # which show the form of the lines
 MIN_ROWS = 10
 MIN_FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbers begin
 MAX_HEAD_LINES = 10_000  # lines before the first row of numbers

@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import itertools
 import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -20,7 +21,8 @@ LEFT = "left"
 RIGHT = "right"
 SIDES = (LEFT, RIGHT)
 ROLE_OF_QUANTITY = {TIME: TIME, TEMPERATURE: TEMPERATURE, "angle": BEND}
-LABEL_LETTERS = "abcdegh"  # of wires, as in "PWM A"
+LABEL_LETTERS = tuple("abcdegh")  # of wires, as in "PWM A"
+AXES = ("x", "y", "z")
 _DATA = yaml.safe_load(Path(__file__).with_name("dictionary.yaml").read_text(encoding="utf-8"))
 WORDS: dict[str, list[str]] = {
     key: words.split() for key, words in (_DATA["words"] | _DATA["quantities"]).items()
@@ -63,9 +65,10 @@ class Dictionary:
             raise LimbError(f"{path} must have lists of words, such as 'duty: [brenner]'.")
         return cls(data)
 
-    def has(self, key: str, words: Iterable[str]) -> bool:
-        """Return whether one of some words says this."""
-        return not set(words).isdisjoint(self.words[key])
+    def keys(self, words: Iterable[str]) -> set[str]:
+        """Return what some words say, as keys of `WORDS`."""
+        said = set(words)
+        return {key for key, known in self.words.items() if not said.isdisjoint(known)}
 
     def split(self, name: str) -> list[str]:
         """Return the words and numbers of a name, in small letters."""
@@ -117,6 +120,7 @@ class Name:
 
     - ``text``: the name.
     - ``words``: its words in small letters, without numbers.
+    - ``says``: what its words say, as keys of `WORDS`.
     - ``stem``: its words without side, number and unit: like columns have one stem.
     - ``label``: "left" or "right", else the number or letter of the wire, if any.
     - ``axis``: "x", "y" or "z"; empty if it has none.
@@ -138,40 +142,60 @@ class Name:
         """
         self.text = text
         bare, unit_in_name = _without_unit(text, column_names)
-        self.quantity, self.unit = parse_unit(unit or unit_in_name)
+        unit_quantity, self.unit = parse_unit(unit or unit_in_name)
         tokens = dictionary.split(bare)
-        self.words = [token for token in tokens if not token.isdigit()]
+        numbers = list(filter(str.isdigit, tokens))
+        self.words = list(itertools.filterfalse(str.isdigit, tokens))
+        self.says = dictionary.keys(self.words)
         # Find the wire's label: a side, the last number, or a letter; long numbers are of chips.
-        numbers = [token for token in tokens if token.isdigit() and len(token) < 3][-1:]
-        letters = [word for word in self.words if word in LABEL_LETTERS and len(tokens) > 1][-1:]
-        label_words = numbers or letters
+        numbers = [number for number in numbers if len(number) < 3][-1:]
+        letters = list(filter(LABEL_LETTERS.__contains__, self.words))[-1:]
+        label_words = numbers or (letters if len(tokens) > 1 else [])
         self.label = "".join(label_words).lstrip("0") or "0" * len(numbers)
         for side in (*SIDES, "1", "2"):
-            side_words = [word for word in self.words if word in dictionary.words[side]]
-            if side_words and not (numbers and self.words in (["l"], ["r"])):
+            if side in self.says and not (numbers and self.words in (["l"], ["r"])):
                 self.label = side
-                label_words = [*numbers, *side_words]
+                label_words = [*numbers, *dictionary.words[side]]
         # What is left is the stem.
-        axes = [word for word in self.words if word in ("x", "y", "z")][-1:]
+        axes = list(filter(AXES.__contains__, self.words))[-1:]
         self.axis = "".join(axes)
-        self.stem = tuple(token for token in tokens if token not in (*label_words, *axes))
+        self.stem = tuple(itertools.filterfalse([*label_words, *axes].__contains__, tokens))
         # Find what the column is.
-        self.quantity = self.quantity or _quantity_of_name(text, self.words, dictionary)
-        self.is_measured = not dictionary.has("not measured", self.words)
-        self.role = ""
-        self.rank = 99
-        if self.is_measured:
-            self.role = _role_of_name(bare, self.words, self.quantity, dictionary)
+        self.quantity = unit_quantity or self._quantity_of_words()
+        self.is_measured = "not measured" not in self.says
+        self.role = self._role() if self.is_measured else ""
         role_words = dictionary.words.get(self.role, [])
-        for word in self.words:
-            if word in role_words:
-                self.rank = min(self.rank, role_words.index(word))
+        known_words = filter(role_words.__contains__, self.words)
+        self.rank = min(map(role_words.index, known_words), default=99)
         # Words may say the unit of the time or of temperatures.
         quantity_wanted = {BEND: "angle", TEMPERATURE: TEMPERATURE}.get(self.role, TIME)
         for word in self.words if not self.unit else ():
             word_quantity, word_unit = parse_unit(word)
             if word_quantity == quantity_wanted and (len(word) > 1 or len(self.words) == 1):
                 self.unit = self.unit or word_unit
+
+    def _quantity_of_words(self) -> str:
+        """Return the quantity that the words of the name say; empty if they say none."""
+        symbol = self.text.rstrip("0123456789_ ") if self.text[:1].isupper() else self.text
+        if symbol in _DATA["symbols"]:
+            return _DATA["symbols"][symbol]
+        quantities = ("rate", *_DATA["quantities"])
+        return next(filter(self.says.__contains__, quantities), "")
+
+    def _role(self) -> str:
+        """Return the signal that the name is of; empty if its words and unit say none, or two."""
+        quantity = self.quantity
+        if quantity in ROLE_OF_QUANTITY:
+            return ROLE_OF_QUANTITY[quantity]
+        roles = self.says & {TEMPERATURE, DUTY, BEND, TIME, FRAME}
+        # "heater temperature" is a temperature, and "bend angle tip" a bend.
+        if TEMPERATURE in roles or (not roles and "t" in self.words and not quantity):
+            return TEMPERATURE if quantity in ("", "counts") else ""
+        if roles == {BEND}:
+            return BEND if quantity != "rate" else ""
+        if BEND not in roles and (DUTY in roles or (quantity == "share" and not roles)):
+            return DUTY if quantity in ("", "share", "counts", "power") else ""
+        return roles.pop() if roles in ({TIME}, {FRAME}) and not quantity else ""
 
     @property
     def side(self) -> str:
@@ -203,29 +227,3 @@ def _without_unit(text: str, column_names: Collection[str]) -> tuple[str, str]:
     if not mark or last.lower() in _NAME_WORDS or is_lettered or not is_unit(last):
         return text, ""
     return start, last
-
-
-def _quantity_of_name(text: str, words: list[str], dictionary: Dictionary) -> str:
-    """Return the quantity that the words of a name say; empty if they say none."""
-    symbol = text.rstrip("0123456789_ ") if text[:1].isupper() else text
-    if symbol in _DATA["symbols"]:
-        return _DATA["symbols"][symbol]
-    for quantity in ("rate", *_DATA["quantities"]):
-        if dictionary.has(quantity, words):
-            return quantity
-    return ""
-
-
-def _role_of_name(text: str, words: list[str], quantity: str, dictionary: Dictionary) -> str:
-    """Return the signal that a name is of; empty if its words and unit say none, or two."""
-    if quantity in ROLE_OF_QUANTITY:
-        return ROLE_OF_QUANTITY[quantity]
-    roles = [role for role in (TEMPERATURE, DUTY, BEND, TIME, FRAME) if dictionary.has(role, words)]
-    # "heater temperature" is a temperature, and "bend angle tip" a bend.
-    if TEMPERATURE in roles or (not roles and "t" in words and not quantity):
-        return TEMPERATURE if quantity in ("", "counts") else ""
-    if roles == [BEND]:
-        return BEND if quantity != "rate" else ""
-    if BEND not in roles and (DUTY in roles or (quantity == "share" and not roles)):
-        return DUTY if quantity in ("", "share", "counts", "power") else ""
-    return roles[0] if roles in ([TIME], [FRAME]) and not quantity else ""

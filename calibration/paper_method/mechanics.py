@@ -24,8 +24,6 @@ from limb_systems import (
     TipTangentSensor,
     joint_angles_from_bend_angle,
 )
-from limb_systems.bend_sensor import chord_angle
-from limb_systems.kinematics import rest_joint_angles
 from limb_systems.statics import static_equilibrium
 from planners.radau import NODES, MotionSteps, solve_steps
 from planners.transcription.collocation import ANGLE_SCALE
@@ -46,18 +44,15 @@ FAST_STIFFENING = 0.10
 FAST_STIFFENING_ERROR = 0.06
 RING_DOWN_ERROR = 0.05  # standard error of k by a single ring-down
 WELL_KNOWN_SHARE = 0.05  # share of k, to which gaits and loads need it
-MAX_SCATTER = (
-    0.2  # share of k by which trials may leave it unknown: as a mounting 2° off of 10° does
-)
-RIGID_STIFFNESS_RATIO = (
-    100.0  # times the described stiffness, with which limbs sag in proportion to their weight
-)
+# Share of k by which trials may leave it unknown: as a mounting 2° off of 10° does.
+MAX_SCATTER = 0.2
+# Multiple of the described stiffness, at which limbs sag in proportion to their weight.
+RIGID_STIFFNESS_RATIO = 100.0
 
 MODEL_RATE = 200.0  # Hz, at least, of the model's ring-down
 MIN_SAMPLES = 20  # samples of a ring-down
-MIN_SAMPLES_PER_PERIOD = (
-    3.0  # samples, below which noise and an alias of the oscillation look alike
-)
+# Samples below which noise and an alias of the oscillation look alike.
+MIN_SAMPLES_PER_PERIOD = 3.0
 RELEASE_PACE_SHARE = 0.5  # of the fastest motion, from which on a limb counts as released
 # robust standard deviations, and share of the swing, of a glitch
 OUTLIER_DEVIATIONS = 6.0
@@ -65,9 +60,8 @@ OUTLIER_SWING_SHARE = 0.3
 # decay rate over angular frequency of what rings
 MIN_DECAY_RATIO = 1e-4
 MAX_DECAY_RATIO = 1.0
-MAX_FREQUENCY_RATIO = (
-    2.0  # factor between the frequencies of limb and model, beyond which one of them is wrong
-)
+# Factor between the frequencies of limb and model, beyond which one of them is wrong.
+MAX_FREQUENCY_RATIO = 2.0
 MAX_RELEASE_BEND = np.pi / 2  # rad, of the model's release
 # of the search for σ, and relative difference of decays at its end
 MAX_DAMPING_STEPS = 8
@@ -84,8 +78,6 @@ class StiffnessFit:
     - ``chord_factor``: λ of the same sag for φ^eq of the chord, which the paper has: 1.22 of a
       sag by 10° of five links. A tip tangent's α/2 is two thirds of the chord's angle.
     - ``sags``: φ^eq of each trial (K,), rad, signed as gravity, as recorded.
-    - ``simulated_sags``: what its bend sensor would show of the limb with ``by_sag`` in each trial
-      (K,), rad.
     - ``remarks``: sentences on what the data lack.
     """
 
@@ -94,17 +86,16 @@ class StiffnessFit:
     correction_factor: float
     chord_factor: float
     sags: np.ndarray
-    simulated_sags: np.ndarray
     remarks: list[Remark]
 
     @property
     def factor_in_words(self) -> str:
         """λ, and what it is by the chord, as in the paper, if the sensor shows another angle."""
-        said = f"λ = {self.correction_factor:.3f}"
+        text = f"λ = {self.correction_factor:.3f}"
         if abs(self.chord_factor / self.correction_factor - 1) < 0.02:
-            return said
+            return text
         return (
-            f"{said} of the bend that the sensor shows; of the chord's angle, as in the paper, the "
+            f"{text} of the bend that the sensor shows; of the chord's angle, as in the paper, the "
             f"same sag has {self.chord_factor:.2f}"
         )
 
@@ -125,7 +116,7 @@ def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
 def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> float:
     """Return the payload with which to record the sag of a planar limb, kg.
 
-    It is zero if the limb's own sag is ``enough``, and else bends the limb by some 15°.
+    It is zero if the limb's own sag is large enough, and else bends the limb by some 15°.
 
     Args:
         described: the limb, of one segment, with the stiffness that is expected of it.
@@ -134,9 +125,11 @@ def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> 
     segment = only_segment(described)
     sensor = segment.bend_sensor
     k = segment.stiffness
-    loads = (described.payload, described.payload + segment.mass)
-    limbs = [_mounted(described, [0.0, GRAVITY, 0.0], load) for load in loads]
-    own_sag, loaded_sag = (_compliance(limb, sensor) / k / sensor.gain for limb in limbs)
+    # Compute the sags of the limb alone and with its own mass at the tip.
+    mounted = _mounted(described, [0.0, GRAVITY, 0.0], described.payload)
+    own_sag = _compliance(mounted, sensor) / k / sensor.gain
+    mounted.payload += segment.mass
+    loaded_sag = _compliance(mounted, sensor) / k / sensor.gain
     if own_sag >= min(min_own_sag * sensor.drift / sensor.gain, LOADED_SAG):
         return 0.0
     return float(f"{(LOADED_SAG - own_sag) / (loaded_sag - own_sag) * segment.mass:.2g}")
@@ -197,7 +190,8 @@ def fit_stiffness(
     stiffness = estimate.value
     described = only_segment(parameters).stiffness
     if not described / MAX_STIFFNESS_RATIO < stiffness < described * MAX_STIFFNESS_RATIO:
-        largest = np.abs(sensor.corrected(sags) - only_segment(parameters).rest_angle).max()
+        bends = sensor.corrected_bends(sags[np.newaxis])
+        largest = np.abs(bends - only_segment(parameters).rest_angle).max()
         raise CalibrationError(
             f"A sag of {np.rad2deg(largest):.1f}° makes the stiffness {stiffness:.2g} N·m/rad, "
             f"where the description has {described:.2g} N·m/rad; look at mass, length and payload "
@@ -213,24 +207,15 @@ def fit_stiffness(
         remarks.append(Remark("few", sentence))
     remarks += remarks_on_estimate("the stiffness", estimate)
     # Compute λ of eqn (9) from the fitted equilibrium.
-    simulated = np.array([_sag_of(limb, sensor, stiffness, rest)[0] for limb in limbs])
     sagging_angles = _sag_of(limbs[0], sensor, stiffness, rest)[1]
     segment = only_segment(limbs[0])
     rest_joints = joint_angles_from_bend_angle(limbs[0], [rest])
     shape = shape_factors(segment.links, limbs[0].payload / segment.mass * segment.links)
-    sensor_bend, chord_bend = (
-        float(of(sagging_angles)) - rest for of in (sensor.exact_bend_angle, chord_angle)
-    )
+    sensor_bend = float(sensor.exact_bends(segment.chain, sagging_angles)[0]) - rest
+    chord_bend = float(segment.chain.bend_angle(sagging_angles)[0]) - rest
     correction = float(shape @ (sagging_angles - rest_joints) / (shape @ shape) / sensor_bend)
-    return StiffnessFit(
-        estimate,
-        estimate,
-        correction,
-        correction * sensor_bend / chord_bend,
-        sags,
-        simulated,
-        remarks,
-    )
+    chord_correction = correction * sensor_bend / chord_bend
+    return StiffnessFit(estimate, estimate, correction, chord_correction, sags, remarks)
 
 
 def _stiffness_of_sags(
@@ -247,7 +232,7 @@ def _stiffness_of_sags(
     rest = only_segment(limbs[0]).rest_angle
     # Start from a limb that sags in proportion to its softness.
     compliances = np.array([_compliance(limb, sensor) for limb in mounted_limbs])
-    sag_means = means - sensor.apparent_bend_angle(rest_joint_angles(limbs[0]))
+    sag_means = means - _rest_reading(limbs[0], sensor)
     if not (counts * compliances) @ sag_means > 0:
         heaviest = np.argmax(np.abs(compliances))
         raise CalibrationError(
@@ -302,14 +287,20 @@ def _sag_of(
     segment.stiffness = stiffness
     segment.rest_angle = segment.rest_angle if rest is None else rest
     joint_angles, _ = static_equilibrium(limb)
-    return float(sensor.apparent_bend_angle(joint_angles)), joint_angles
+    return float(sensor.apparent_bends(segment.chain, joint_angles)[0]), joint_angles
 
 
 def _compliance(mounted: LimbParameters, sensor: BendSensor) -> float:
     """Return sag times k of a limb that is almost rigid, as a sensor shows it, N·m."""
     rigid = RIGID_STIFFNESS_RATIO * only_segment(mounted).stiffness
     stiff_sag, _ = _sag_of(mounted, sensor, rigid)
-    return rigid * (stiff_sag - float(sensor.apparent_bend_angle(rest_joint_angles(mounted))))
+    return rigid * (stiff_sag - _rest_reading(mounted, sensor))
+
+
+def _rest_reading(limb: LimbParameters, sensor: BendSensor) -> float:
+    """Return what a sensor shows of a limb at its rest angle, rad."""
+    chain = only_segment(limb).chain
+    return float(sensor.apparent_bends(chain, LimbModel.of(limb).mechanics.rest_angles)[0])
 
 
 def _resting_angle(recording: Recording) -> float:
@@ -371,15 +362,12 @@ class DampingFit:
     - ``measured``: the sinusoid of each recording.
     - ``simulated``: the sinusoid of the model with this σ, for each recording, as the
       recording's bend sensor would show it.
-    - ``time``, ``bend_angle``: the first recording (K,), s and rad.
     - ``remarks``: sentences on what the data lack.
     """
 
     damping: Estimate
-    measured: list[DampedSinusoid]
-    simulated: list[DampedSinusoid]
-    time: np.ndarray
-    bend_angle: np.ndarray
+    measured: Sequence[DampedSinusoid]
+    simulated: Sequence[DampedSinusoid]
     remarks: list[Remark]
 
 
@@ -526,14 +514,11 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
         raise CalibrationError("There is no recording of a ring-down.")
     # Fit each trial; trials scatter.
     fits = [_fit_recording(parameters, recording) for recording in recordings]
-    values = np.array([value for value, _, _, _ in fits])
-    trial_errors = np.array([error for _, error, _, _ in fits])
+    values, trial_errors, measured, simulated = zip(*fits, strict=True)
     # Trials scatter at least by the noise in each.
-    error = float(np.sqrt(np.mean(trial_errors**2) / len(values)))
+    error = float(np.sqrt(np.mean(np.square(trial_errors)) / len(values)))
     if len(values) > 1:
-        error = max(error, standard_error(values))
-    measured = [fit[2] for fit in fits]
-    simulated = [fit[3] for fit in fits]
+        error = max(error, standard_error(np.array(values)))
     remarks = []
     # Compare the frequencies of limb and model.
     ratios = [m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)]
@@ -554,10 +539,9 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     if any(fit.residual > 0.15 * fit.amplitude for fit in measured):
         sentence = "The ring-down is far from a damped sinusoid; release the limb in one move."
         remarks.append(Remark("ringing", sentence))
-    estimate = Estimate(float(values.mean()), error, "N·m·s/rad")
+    estimate = Estimate(float(np.mean(values)), error, "N·m·s/rad")
     remarks += remarks_on_estimate("the damping", estimate)
-    first = recordings[0]
-    return DampingFit(estimate, measured, simulated, first.time, _release_swing(first)[1], remarks)
+    return DampingFit(estimate, measured, simulated, remarks)
 
 
 def _release_swing(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -597,22 +581,18 @@ def _fit_recording(parameters, recording: Recording):
             wire.law = LinearLaw()
         # It starts from rest at the angles of the release.
         swing = joint_angles_from_bend_angle(limb, released * direction)
-        start = np.append(rest_joint_angles(limb) + swing, np.zeros(len(swing)))
+        model = LimbModel.of(limb)
+        start = np.append(model.mechanics.rest_angles + swing, np.zeros(len(swing)))
         times = np.arange(num_steps + 1) / rate
         still = MotionSteps(
             times, np.tile(start, (num_steps, 1)), np.zeros((num_steps, len(NODES), len(swing)))
         )
-        dynamics = LimbModel.of(limb).dynamics
-        cold = np.tile(dynamics.wires.cold_states, (num_steps, len(NODES), 1))
-        motion = solve_steps(
-            dynamics.by_motion.values,
-            dynamics.by_motion.dense_slopes,
-            still,
-            cold,
-            np.repeat([ANGLE_SCALE, 1.0], len(swing)),
-        )
-        angles = motion.start[:, : len(swing)].T
-        bends = sensor.apparent_bends(limb.segments[0].chain, angles)
+        by_motion = model.dynamics.by_motion
+        cold = np.tile(model.wires.cold_states, (num_steps, len(NODES), 1))
+        scales = np.repeat([ANGLE_SCALE, 1.0], len(swing))
+        motion = solve_steps(by_motion.values, by_motion.dense_slopes, still, cold, scales)
+        joint_angles = motion.start[:, : len(swing)].T
+        bends = sensor.apparent_bends(limb.segments[0].chain, joint_angles)
         return fit_damped_sinusoid(times[:-1], direction @ bends)
 
     # Fit the sinusoid near the model's frequency.

@@ -43,7 +43,7 @@ MIN_TORQUE_RISE = 10.0  # °C above ambient, below which a torque is hidden by n
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HeatFit:
-    """Heat transfer of one wire, (6)-(7), with the data of the fit.
+    """Heat transfer of one wire, (6)-(7), with the course of its temperature.
 
     - ``wire``: name of the wire.
     - ``a1``, ``a2``, ``a3``: 1/s, °C/s and 1/s.
@@ -51,12 +51,8 @@ class HeatFit:
     - ``delay``: time by which readings are later than the duty, s; None if it is
       not fitted. The model has none.
     - ``ambient``: T0 that was used, °C.
-    - ``angle_per_degree``: 1/b, bend per °C of the wire, rad/°C.
-    - ``time``: (K,), s.
-    - ``recorded_temperature``, ``recorded_angle``: V, φ (K,), °C, rad.
-    - ``wire_temperature``, ``measured_temperature``: simulated T, V (K,), °C.
-    - ``bend_angle``: simulated φ (K,), rad.
-    - ``temperature_residual``, ``angle_residual``: root mean squares, °C, rad.
+    - ``wire_temperature``: simulated T at the samples of the recording (K,), °C.
+    - ``temperature_residual``, ``angle_residual``: root mean squares of V and φ, °C and rad.
     - ``remarks``: sentences on what the data lack.
     """
 
@@ -67,13 +63,7 @@ class HeatFit:
     covariance: np.ndarray
     delay: Estimate | None
     ambient: float
-    angle_per_degree: Estimate
-    time: np.ndarray
-    recorded_temperature: np.ndarray
-    recorded_angle: np.ndarray
     wire_temperature: np.ndarray
-    measured_temperature: np.ndarray
-    bend_angle: np.ndarray
     temperature_residual: float
     angle_residual: float
     remarks: list[Remark]
@@ -213,10 +203,8 @@ def fit_heat_transfer(
     covariance += _covariance_by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
     values = _rates(fit.x)
     value_covariance = covariance[:3, :3] * np.outer(values, values)
-    a1, a2, a3 = (
-        Estimate(float(value), float(abs(value) * np.sqrt(covariance[i, i])), unit)
-        for i, (value, unit) in enumerate(zip(values, RATE_UNITS.values(), strict=True))
-    )
+    errors = np.abs(values) * np.sqrt(np.diag(covariance)[:3])
+    a1, a2, a3 = map(Estimate, values.tolist(), errors.tolist(), RATE_UNITS.values())
     # Put the result together.
     delay = None
     if fits_delay:  # a delay at its bound ends just inside it
@@ -229,13 +217,7 @@ def fit_heat_transfer(
         covariance=(value_covariance + value_covariance.T) / 2,  # rounding is not symmetric
         delay=delay,
         ambient=ambient,
-        angle_per_degree=Estimate(fit.x[3], float(np.sqrt(covariance[3, 3])), "rad/°C"),
-        time=recording.time,
-        recorded_temperature=readings,
-        recorded_angle=bend,
         wire_temperature=simulated_wire,
-        measured_temperature=simulated_readings,
-        bend_angle=simulated_bend,
         temperature_residual=_rms((simulated_readings - readings)[is_read]),
         angle_residual=_rms((simulated_bend - bend)[is_read]),
         remarks=[
@@ -298,7 +280,7 @@ def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     The equations are integrated over a second each, which spares the
     differentiation of noise.
     """
-    # As above.
+    # scipy.signal takes long to import.
     from scipy.signal import savgol_filter
 
     # Smooth both temperatures.
@@ -365,20 +347,12 @@ class ForceFit:
     """Joint torque of one wire per degree, (4).
 
     - ``wire``: name of the wire.
-    - ``beta``: β, N·m/°C.
-    - ``times``: times of the equilibria that β was taken from (M,), s.
-    - ``wire_temperature``: T^eq (M,), °C.
-    - ``bend_angle``: φ^eq (M,), rad.
-    - ``ratios``: Γ of (13), a β for each equilibrium (M,), N·m/°C.
+    - ``beta``: β, N·m/°C, the mean of Γ (13) over the equilibria.
     - ``remarks``: sentences on what the data lack.
     """
 
     wire: str
     beta: Estimate
-    times: np.ndarray
-    wire_temperature: np.ndarray
-    bend_angle: np.ndarray
-    ratios: np.ndarray
     remarks: list[Remark]
 
 
@@ -415,13 +389,16 @@ def fit_force(
             f"The limb never rests while the {heat.wire} wire is warm; hold it longer at each "
             "bend angle."
         )
+
     # Average over each equilibrium, and compute Γ.
-    spans = list(zip(starts, ends, strict=True))
-    wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
-    angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
-    times = np.array([recording.time[a:b].mean() for a, b in spans])
-    bend = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
-    theta = joint_angles_from_bend_angle(parameters, bend[np.newaxis])[0]
+    def means(signal: np.ndarray) -> np.ndarray:
+        return np.array([signal[a:b].mean() for a, b in zip(starts, ends, strict=True)])
+
+    times = means(recording.time)
+    wire = means(heat.wire_temperature)
+    bends = bend_sensor_of(recording).corrected_bends(means(recording.bend_angle[0])[np.newaxis])
+    bends = bends - only_segment(parameters).rest_angle
+    theta = joint_angles_from_bend_angle(parameters, bends)[0]
     ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
         raise CalibrationError(
@@ -442,7 +419,7 @@ def fit_force(
         error = mean * max(relative, 0.1)
     else:
         # The sensor's drift is much the same in equilibria that follow each other.
-        shares = ratios / bend / count
+        shares = ratios / bends[0] / count
         drift_correlation = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
         drift = bend_sensor_of(recording).drift * np.sqrt(shares @ drift_correlation @ shares)
         error = np.hypot(max(standard_error(ratios), drift), relative * mean)
@@ -454,7 +431,7 @@ def fit_force(
             remarks.append(Remark("law", sentence))
     beta = Estimate(mean, float(error), "N·m/°C")
     remarks += remarks_on_estimate(f"β of the {heat.wire} wire", beta)
-    return ForceFit(heat.wire, beta, times, wire, angle, ratios, remarks)
+    return ForceFit(heat.wire, beta, remarks)
 
 
 def _equilibria(

@@ -89,10 +89,6 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     Raises:
         CalibrationError: if no thermocouple shows it, or if no room is as warm.
     """
-    recordings = list(recordings)
-    if not any(recording.has_thermocouple.any() for recording in recordings):
-        rooms = [recording.parameters.ambient_temperature for recording in recordings]
-        return Estimate(float(np.mean(rooms)), 0.0, "°C")
     # Collect a cold reading of each thermocouple in each recording, by wire.
     readings: dict[str, list[ColdReading]] = {}
     rooms = []
@@ -100,8 +96,10 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         rooms.append(recording.parameters.ambient_temperature)
         for reading in _cold_readings(recording):
             readings.setdefault(reading.name, []).append(reading)
-    # If all recordings start warm, their coldest readings count.
     described = float(np.mean(rooms))
+    if not readings:
+        return Estimate(described, 0.0, "°C")
+    # If all recordings start warm, their coldest readings count.
     lowest = _lowest_room(readings, "start", described)
     coldest = _lowest_room(readings, "lowest", described)
     if coldest < lowest - COLD_SPREAD:
@@ -166,8 +164,10 @@ def _lowest_room(readings: dict[str, list[ColdReading]], field: str, described: 
             "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "
             "connected?"
         )
-    usual_low = min(lows, key=lambda low: abs(low - described))
-    return min(low for low in lows if low > usual_low - DISCONNECTED_BELOW)
+    # Leave out disconnected thermocouples.
+    sorted_lows = np.sort(lows)
+    usual_low = sorted_lows[np.argmin(np.abs(sorted_lows - described))]
+    return float(sorted_lows[sorted_lows > usual_low - DISCONNECTED_BELOW][0])
 
 
 def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimate]:
@@ -177,27 +177,28 @@ def rest_angles(recordings: Sequence[Recording], ambient: float) -> list[Estimat
     end, if all wires are cold then. Its standard error follows from the sensor's drift, or from the
     recordings' scatter. Zero where none shows it.
     """
-    level = [each for each in recordings if not gravity_bends(each.parameters)]
-    # Ring-downs rest at their end, heated recordings at their beginning.
-    starts = []
-    for recording in level:
-        if recording.duty.any():
-            starts.append(before_heat(recording).all(axis=0) & _first_second(recording))
-        else:
-            starts.append(_is_end(recording, END_TIME))
-    angles, drifts = _cold_angles(level, starts, ambient)
-    # Or else limbs that have cooled at the end.
+    # Ring-downs rest at their end, heated recordings at their beginning, or else at their end.
+    at_once: list[tuple[Recording, np.ndarray]] = []
+    cooled: list[tuple[Recording, np.ndarray]] = []
+    num_bends = 1
+    for recording in recordings:
+        num_bends = max(num_bends, len(recording.bend_angle))
+        if gravity_bends(recording.parameters):
+            continue
+        end = _is_end(recording, END_TIME)
+        start = before_heat(recording).all(axis=0) & _first_second(recording)
+        at_once.append((recording, start if recording.duty.any() else end))
+        if not recording.duty[:, _is_end(recording, COOLING_TIME)].any():
+            cooled.append((recording, end))
+    angles, drifts = _cold_angles(at_once, ambient)
     if not angles:
-        cooled = [r for r in level if not r.duty[:, _is_end(r, COOLING_TIME)].any()]
-        angles, drifts = _cold_angles(cooled, [_is_end(r, END_TIME) for r in cooled], ambient)
+        angles, drifts = _cold_angles(cooled, ambient)
     if not angles:
-        num_bends = max((len(recording.bend_angle) for recording in recordings), default=1)
         return [Estimate(0.0, 0.0, "rad")] * num_bends
     # The scatter of recordings, or the sensor's drift, is the error.
     spreads = np.hypot(np.std(angles, axis=0), np.mean(drifts)) / np.sqrt(len(angles))
     medians = np.median(angles, axis=0)
-    pairs = zip(medians.tolist(), spreads.tolist(), strict=True)
-    return [Estimate(median, spread, "rad") for median, spread in pairs]
+    return list(map(Estimate, medians.tolist(), spreads.tolist(), ["rad"] * len(medians)))
 
 
 def _is_end(recording: Recording, duration: float) -> np.ndarray:
@@ -206,12 +207,17 @@ def _is_end(recording: Recording, duration: float) -> np.ndarray:
 
 
 def _cold_angles(
-    recordings: Iterable[Recording], stretches: Iterable[np.ndarray], ambient: float
+    stretches: Iterable[tuple[Recording, np.ndarray]], ambient: float
 ) -> tuple[list[np.ndarray], list[float]]:
-    """Return the bend angles (F,) and sensors' drifts, rad, of stretches (K,) with cold wires."""
+    """Return the bend angles (F,) and sensors' drifts, rad, of stretches with cold wires.
+
+    Args:
+        stretches: recordings, each with its samples that count (K,).
+        ambient: T0, °C.
+    """
     angles = []
     drifts = []
-    for recording, stretch in zip(recordings, stretches, strict=True):
+    for recording, stretch in stretches:
         is_used = stretch & ~recording.missing
         readings = recording.measured_temperature[recording.has_thermocouple][:, is_used]
         if is_used.any() and not (readings.mean(axis=1) > ambient + COLD_SPREAD).any():

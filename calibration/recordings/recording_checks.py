@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 
 from calibration.import_logs.evidence import correlation
+from calibration.recordings.at_rest import DISCONNECTED_BELOW
 from calibration.recordings.kinds import (
     FREE_KINDS,
     GRAVITY_HINT,
@@ -36,7 +37,6 @@ MIN_BEND = np.deg2rad(2.0)
 GRAVITY_RANGE = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
 SMOOTHING_TIME = 1.0  # s, over which signals are averaged
-DISCONNECTED_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than all others
 MAX_JUMP = 5.0  # °C, by which its readings do not differ from one to the next
 MAX_SAMPLE_PERIOD = 5.0  # s, between samples
 FULL_DUTY_RISE = 300.0  # °C of a wire at full duty, roughly
@@ -44,22 +44,18 @@ MIN_STEEPEST_SLOPE = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is
 MIN_FROZEN_TIME = 10.0  # s, for which a sensor that froze repeats a reading at least
 HEAT_WINDOW = 5.0  # s, within which heat moves a reading
 MIN_STANDING_CHANCE = 1e-9  # by which readings stand that are alive
-DRIVING_HEAT_SHARE = (
-    0.1  # of the largest change of a wire's heat in a window, from which on readings must move
-)
+# Share of the largest change of a wire's heat in a window, from which on readings must move.
+DRIVING_HEAT_SHARE = 0.1
 # windows with as much heat before, and share that moved
 MIN_DRIVEN_WINDOWS = 3
 MIN_MOVED_SHARE = 0.9
 
 
-def check_recording(recording: Recording, expected: str | None = None) -> str:
+def check_recording(recording: Recording, expected: str | None = None) -> None:
     """Refuse recordings that calibration must not use.
 
     Args:
         expected: its kind, if it is known; any if None.
-
-    Returns:
-        what it shows.
 
     Raises:
         CalibrationError: one sentence that names the trouble: too few samples, times in
@@ -89,7 +85,6 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
         _check_wires(recording)
     _check_thermocouples(recording)
     _check_bend(recording)
-    return kind
 
 
 def _check_time(recording: Recording) -> None:
@@ -148,18 +143,16 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
         return None
     rises = np.abs(heat[:, window:] - heat[:, :-window])
     # A thermocouple is driven by its own wire, a bend sensor by all.
-    names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
-    signals = list(zip(names, recording.measured_temperature, rises[:, None], strict=True))
-    signals += [("the bend sensor", bend, rises) for bend in recording.bend_angle]
+    signals = np.vstack([recording.measured_temperature, recording.bend_angle])
+    driving_rises = np.vstack([rises, *[rises.max(axis=0)] * len(recording.bend_angle)])
     frozen = []
-    for name, signal, wire_rises in signals:
+    for name, signal, rise in zip(_sensor_names(recording), signals, driving_rises, strict=True):
         # Missing readings neither stand nor move.
         read_rows = np.flatnonzero(~np.isnan(signal))
         changes = np.diff(signal[read_rows]) != 0
         moves = np.zeros(len(signal))
         moves[read_rows[1:]] = changes
         is_moved = np.convolve(moves, np.ones(window), "valid")[1:] > 0.5
-        rise = wire_rises.max(axis=0)
         # Find stretches in which a reading stands.
         is_driven = rise > DRIVING_HEAT_SHARE * rise.max()
         first = np.arange(len(rise))
@@ -188,6 +181,12 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
     return start, f"{name} repeats one reading from {recording.time[start]:.1f} s on"
 
 
+def _sensor_names(recording: Recording) -> list[str]:
+    """Return the names of the thermocouples and of the bend sensor of each bend, in messages."""
+    names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
+    return names + ["the bend sensor"] * len(recording.bend_angle)
+
+
 def _check_missing(recording: Recording) -> None:
     """Raise CalibrationError if too few readings of the bend are there."""
     count = len(recording.time)
@@ -201,16 +200,17 @@ def _check_missing(recording: Recording) -> None:
 
 def _check_zeros(recording: Recording) -> None:
     """Raise CalibrationError if zeros seem to stand where a sensor had no reading."""
-    names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
-    signals = np.vstack([recording.measured_temperature, np.rad2deg(recording.bend_angle)])
-    count = len(recording.bend_angle)
-    jumps = [*[MAX_JUMP] * len(names), *[np.rad2deg(MIN_BEND)] * count]
-    names += ["the bend sensor"] * count
-    for name, signal, jump in zip(names, signals, jumps, strict=True):
-        signal, time = signal[~np.isnan(signal)], recording.time[~np.isnan(signal)]
+    readings = recording.measured_temperature
+    signals = np.vstack([readings, np.rad2deg(recording.bend_angle)])
+    min_jumps = np.repeat(
+        [MAX_JUMP, np.rad2deg(MIN_BEND)], [len(readings), len(recording.bend_angle)]
+    )
+    for name, signal, min_jump in zip(_sensor_names(recording), signals, min_jumps, strict=True):
+        time = recording.time[~np.isnan(signal)]
+        signal = signal[~np.isnan(signal)]
         # A limb that swings passes zero as fast as it passes other angles.
         steps = np.abs(np.diff(signal[signal != 0]))
-        jump = max(jump, 2 * np.quantile(steps, 0.98) if len(steps) else 0.0)
+        jump = max(min_jump, 2 * np.quantile(steps, 0.98) if len(steps) else 0.0)
         for start, end in stretches(signal == 0):
             neighbours = [*signal[start - 1 : start], *signal[end : end + 1]]
             if end - start > 1 and neighbours and np.abs(neighbours).max() > jump:
@@ -334,17 +334,12 @@ def _exchanged_pair(recording: Recording) -> tuple[int, int] | None:
     """Return two wires, if any, whose readings follow each other's duty."""
     heat = _wire_heat(recording)
     warmth = recording.measured_temperature
-    heated = [i for i in range(len(heat)) if np.ptp(heat[i]) > 0 and np.ptp(warmth[i]) > 0]
-    for one, other in itertools.combinations(heated, 2):
+    is_heated = (np.ptp(heat, axis=1) > 0) & (np.ptp(warmth, axis=1) > 0)
+    for one, other in itertools.combinations(np.flatnonzero(is_heated).tolist(), 2):
         agreement = np.corrcoef(heat[[one, other]], warmth[[one, other]])[:2, 2:]
         if np.trace(agreement[::-1]) > np.trace(agreement) + 0.5:
             return one, other
     return None
-
-
-def _window(recording: Recording) -> int:
-    """Return the samples of a second, at least one."""
-    return max(1, min(round(SMOOTHING_TIME * recording.sample_rate), len(recording.time) // 2))
 
 
 def _check_wires(recording: Recording) -> None:
@@ -353,10 +348,10 @@ def _check_wires(recording: Recording) -> None:
     names = recording.parameters.wire_names
     measured = recording.measured_temperature
     dose = recording.duty.sum(axis=1) / recording.sample_rate
-    width = _window(recording)
+    width = max(1, min(round(SMOOTHING_TIME * recording.sample_rate), len(recording.time) // 2))
     kernel = np.ones(width) / width
-    smooth = np.array([np.convolve(v, kernel, "valid") for v in measured])
-    signal = np.array([np.convolve(bend, kernel, "valid") for bend in recording.bend_angle])
+    smooth = np.apply_along_axis(np.convolve, 1, measured, kernel, "valid")
+    signal = np.apply_along_axis(np.convolve, 1, recording.bend_angle, kernel, "valid")
     # A wire may be hot at the start, and cool from there: it has moved, and it has not climbed.
     moved = np.ptp(smooth, axis=1)
     climb = (smooth - np.minimum.accumulate(smooth, axis=1)).max(axis=1)

@@ -16,9 +16,8 @@ from calibration.remarks import CalibrationError, Remark
 from limb_systems import Recording
 from limb_systems.files.signal_table import doses
 
-SPIKE_DEVIATIONS = (
-    6.0  # robust standard deviations from the median of five samples, beyond which one counts
-)
+# Robust standard deviations from the median of five samples, from which on a sample is a spike.
+SPIKE_DEVIATIONS = 6.0
 SPIKE_RANGE = 1.5  # of the range of its neighbours, within which a sample is no spike
 MAX_UNREAD_TIME = 2.0  # s, within which readings are missed least
 NUM_SPIKE_PASSES = 2  # after which spikes beside each other are gone
@@ -127,9 +126,12 @@ def select_samples(recording: Recording, chosen: np.ndarray) -> Recording:
 
 def _mapped(recording: Recording, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
     """Return all signals that a recording has, changed alike."""
-    names = ("time", "duty", *Recording.MEASURED, *Recording.optional())
-    signals = {name: getattr(recording, name) for name in names}
-    return {name: change(signal) for name, signal in signals.items() if signal is not None}
+    signals: dict[str, Any] = {}
+    for name in ("time", "duty", *Recording.MEASURED, *Recording.optional()):
+        signal = getattr(recording, name)
+        if signal is not None:
+            signals[name] = change(signal)
+    return signals
 
 
 def with_interpolated_gaps(recording: Recording) -> Recording:
@@ -141,11 +143,9 @@ def _with_readings(
     recording: Recording, change: Callable[[np.ndarray], np.ndarray], **signals: Any
 ) -> Recording:
     """Return a recording with changed rows of readings (K,), and further signals replaced."""
-    readings: dict[str, Any] = {
-        name: np.array([change(row) for row in getattr(recording, name)])
-        for name in Recording.MEASURED
-    }
-    return dataclasses.replace(recording, **readings, **signals)
+    for name in Recording.MEASURED:
+        signals[name] = np.apply_along_axis(change, 1, getattr(recording, name))
+    return dataclasses.replace(recording, **signals)
 
 
 def fill_gaps(
@@ -154,11 +154,9 @@ def fill_gaps(
     """Interpolate a signal at times (K,) where it is nan; its own times may be others (L,)."""
     sample_times = times if sample_times is None else sample_times
     is_read = ~np.isnan(signal)
-    return (
-        np.interp(times, sample_times[is_read], signal[is_read])
-        if is_read.any()
-        else np.nan * times
-    )
+    if not is_read.any():
+        return np.nan * times
+    return np.interp(times, sample_times[is_read], signal[is_read])
 
 
 def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
@@ -174,15 +172,15 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     time = recording.time
     # Cut unbroken stretches after pauses, and where they are too long.
     pieces = []
+    after_pauses = np.array([*_starts_after_pauses(recording)], int)
     for stretch in _unbroken_stretches(recording):
-        after_pauses = [
-            c for c in _starts_after_pauses(recording) if stretch.start < c < stretch.stop
-        ]
-        starts = [stretch.start, *after_pauses]
-        starts = list(_piece_starts(recording, [*starts, stretch.stop]))
-        for start, stop in zip(starts, [*starts[1:], stretch.stop], strict=True):
-            pieces.append(select_samples(recording, np.arange(start, stop)))
-    pieces = [piece for piece in pieces if _is_informative(piece)]
+        is_within = (stretch.start < after_pauses) & (after_pauses < stretch.stop)
+        ends = [stretch.start, *after_pauses[is_within].tolist(), stretch.stop]
+        starts = [*_piece_starts(recording, ends), stretch.stop]
+        for start, stop in itertools.pairwise(starts):
+            piece = select_samples(recording, np.arange(start, stop))
+            if _is_informative(piece):
+                pieces.append(piece)
     if not pieces:
         raise CalibrationError(
             f"nothing is left of it to fit: no {MIN_DURATION:.0f} s of it begin where wires rest, "
@@ -206,17 +204,20 @@ def _unbroken_stretches(recording: Recording) -> list[slice]:
     """Return the stretches with known duty, each from a sample at which its wires rest."""
     off = np.asarray(~recording.duty.any(axis=0))
     first = first_read_index(recording)
-    gaps = list(unknown_gaps(recording))
-    starts = [0 if off[1 : first + 1].all() else _first_rest(recording, first)]
-    starts += [_first_rest(recording, gap + 1) for gap in gaps]
-    stops = [*(gap + 1 for gap in gaps), len(off)]
-    return [slice(a, b) for a, b in zip(starts, stops, strict=True) if b - a > 1]
+    start = 0 if off[1 : first + 1].all() else _first_rest(recording, first)
+    stretches = []
+    for last_before_gap in [*unknown_gaps(recording), len(off) - 1]:
+        stop = last_before_gap + 1
+        if stop - start > 1:
+            stretches.append(slice(start, stop))
+        start = _first_rest(recording, stop)
+    return stretches
 
 
 def first_read_index(recording: Recording) -> int:
     """Return the first sample by which the bend was read, and each thermocouple that there is."""
-    rows = np.vstack([recording.bend_angle, recording.measured_temperature])
-    return max((int(np.argmax(read)) for read in ~np.isnan(rows) if read.any()), default=0)
+    is_read = ~np.isnan(np.vstack([recording.bend_angle, recording.measured_temperature]))
+    return int(np.argmax(is_read, axis=1).max())  # 0 of a row without readings
 
 
 def unknown_gaps(recording: Recording) -> Iterator[int]:

@@ -25,6 +25,8 @@ from limb_systems.dynamics import equation_of_motion
 from limb_systems.symbolic_chain import Chain
 from planners import PlanningError
 
+TEMPERATURE_MARGIN = 5.0  # °C, by which wires stay below T_max
+
 
 @dataclasses.dataclass(frozen=True)
 class Grip:
@@ -53,8 +55,6 @@ def grip(
     center: ArrayLike,
     radius: float,
     force: float,
-    *,
-    margin: float = 5.0,
 ) -> Grip:
     """Return the grip of a finger on a ball; the wires on the other side are at T_warm.
 
@@ -63,13 +63,12 @@ def grip(
         center: center of the ball in the base's frame, (E1, E2), m.
         radius: radius of the ball, m.
         force: F with which the finger presses, N.
-        margin: °C, by which wires stay below T_max.
 
     Raises:
         PlanningError: if the limb is not a planar limb of one segment, does not reach the ball,
             touches it at T_warm, or cannot press with this force.
     """
-    return _Finger(parameters, np.asarray(center, float), radius, margin).grip(force)
+    return _Finger(parameters, np.asarray(center, float), radius).grip(force)
 
 
 def fingers_duty(planned: Trajectory) -> dict[str, Trajectory | PiecewisePolynomial]:
@@ -85,9 +84,7 @@ def fingers_duty(planned: Trajectory) -> dict[str, Trajectory | PiecewisePolynom
 class _Finger:
     """The equations of `grip`."""
 
-    def __init__(
-        self, parameters: LimbParameters, center: np.ndarray, radius: float, margin: float
-    ):
+    def __init__(self, parameters: LimbParameters, center: np.ndarray, radius: float):
         model = LimbModel.of(parameters)
         if not model.layout.is_planar or len(parameters.segments) > 1:
             raise PlanningError("Only planar limbs of one segment can grip; give such a limb.")
@@ -105,7 +102,7 @@ class _Finger:
         self._pulls = np.array([np.sign(wire.e2) == side for wire in parameters.wires])
         limits = parameters.temperature_limits
         self._warm = limits.warm
-        self._hottest = limits.maximum - margin
+        self._hottest = limits.maximum - TEMPERATURE_MARGIN
         # Write the gap between the finger and the ball as a function of the joint angles.
         n = model.layout.num_joints
         segment = parameters.segments[0]

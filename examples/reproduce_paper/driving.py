@@ -134,10 +134,10 @@ def roll_out_disturbed(
     else:
         controller = PlanFeedback(trajectory, parameters=LimbParameters())
     driven[FEEDBACK] = trajectory, controller
-    return {
-        way: PlanWithRollouts(plan, [_run(copy.deepcopy(limb), plan, system)])
-        for way, (plan, system) in driven.items()
-    }
+    rollouts = {}
+    for way, (plan, system) in driven.items():
+        rollouts[way] = PlanWithRollouts(plan, [_run(copy.deepcopy(limb), plan, system)])
+    return rollouts
 
 
 def _run(limb: Specimen, trajectory: Trajectory, controller) -> Recording:
@@ -152,11 +152,11 @@ def _without_truth(recording: Recording) -> Recording:
 class BendPath(LeafSystem):
     """A system between bend sensor and controller that delays or interrupts the reading.
 
-    - input 0 ``bend_angle``: φ (S), rad
-    - output 0 ``bend_angle``: φ (S), rad, some periods later; while it is absent NaN, or the
+    - input 0 ``bend_angle``: φ (F), rad
+    - output 0 ``bend_angle``: φ (F), rad, some periods later; while it is absent NaN, or the
       last reading
-    - state, discrete: readings on their way (L S), the oldest first, and the last one that
-      is not absent (S); updated each `PERIOD`
+    - state, discrete: readings on their way (L F), the oldest first, and the last one that
+      is not absent (F); updated each `PERIOD`
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -205,7 +205,7 @@ class BendPath(LeafSystem):
         discrete_state.set_value(np.concatenate([*on_the_way[1:], last]))
 
     def _readings(self, context) -> tuple[np.ndarray, np.ndarray]:
-        """Return the delayed readings and the newest (L + 1, S), and the last present one (S,)."""
+        """Return the delayed readings and the newest (L + 1, F), and the last present one (F,)."""
         kept = context.get_discrete_state_vector().value().reshape(-1, self._size)
         return np.vstack([kept[:-1], self.get_input_port().Eval(context)]), kept[-1]
 

@@ -79,8 +79,7 @@ def error_split(
         # Split the error between neighbouring angles.
         steps = np.rad2deg(np.diff(angles, axis=0))
         sign = np.sign(steps.sum(axis=0))
-        result[name] = {
-            part: (float(np.abs(step).mean()), float((sign * step).mean()))
-            for part, step in zip(STEPS, steps, strict=True)
-        }
+        sizes = np.abs(steps).mean(axis=1).tolist()
+        parts = (sign * steps).mean(axis=1).tolist()
+        result[name] = dict(zip(STEPS, zip(sizes, parts, strict=True), strict=True))
     return result

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import functools
+import itertools
 import operator
 import warnings
 from collections.abc import Callable, Sequence
@@ -115,7 +116,7 @@ def taught_motion(name: str) -> PiecewisePolynomial:
 def evaluate(
     settings: Settings,
     num_processes: int = 1,
-    tell: Callable[[str], object] = lambda step: None,
+    announce: Callable[[str], object] = lambda step: None,
 ) -> Experiment:
     """Evaluate a new limb as in Secs. V to VII, and in closed loop.
 
@@ -125,11 +126,11 @@ def evaluate(
     Args:
         settings: settings of the evaluation.
         num_processes: as for `run_each`.
-        tell: function that is called with the name of each step.
+        announce: function that is called with the name of each step.
     """
-    tell("1/5 recording the limb for calibration")
+    announce("1/5 recording the limb for calibration")
     specimen, recordings = record(settings)
-    tell("2/5 calibrating the model to the recordings, and teaching motions by hand")
+    announce("2/5 calibrating the model to the recordings, and teaching motions by hand")
     calls: list[Callable[[], Any]] = [
         functools.partial(fit, recordings, settings.compare),
         functools.partial(teach, specimen),
@@ -139,24 +140,24 @@ def evaluate(
     rested, taught = teaching
     start = present_readings(LimbTwin(specimen=rested))
     # List the plans: motion, loop of the plan, and name of the model, empty if calibrated.
-    wanted = [(motion, OPEN_LOOP, model) for motion in MOTIONS for model in models]
-    wanted += [(motion, FEEDBACK, "") for motion in MOTIONS]
-    tell(f"3/5 planning motions: {len(wanted)}")
-    calls = [
-        functools.partial(plan_motion, models[model], motion, taught, loop, start)
-        for motion, loop, model in wanted
+    wanted = [
+        *itertools.product(MOTIONS, [OPEN_LOOP], models),
+        *itertools.product(MOTIONS, [FEEDBACK], [""]),
     ]
+    announce(f"3/5 planning motions: {len(wanted)}")
+    calls = []
+    for motion, loop, model in wanted:
+        calls.append(functools.partial(plan_motion, models[model], motion, taught, loop, start))
     plans = dict(zip(wanted, call_all(calls, num_processes), strict=True))
     # List the runs: motion, method and model, the longest first.
-    runs = [
-        (motion, way, "")
-        for way in reversed(CLOSED_LOOP)
-        for motion in MOTIONS
-        if way in settings.closed_loop(motion)
-    ]
-    runs += [key for key in wanted if key[2]]
+    others = [model for model in models if model]
+    runs = []
+    for way, motion in itertools.product(reversed(CLOSED_LOOP), MOTIONS):
+        if way in settings.closed_loop(motion):
+            runs.append((motion, way, ""))
+    runs += itertools.product(MOTIONS, [OPEN_LOOP], others)
     num_runs = len(MOTIONS) + len(runs)
-    tell(f"4/5 driving the limb along its plans in several ways: {num_runs}")
+    announce(f"4/5 driving the limb along its plans in several ways: {num_runs}")
     # Drive the limb: open loop, by each method, and with disturbances.
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
     calls = [functools.partial(open_loop, rested, calibration, opened)]
@@ -166,29 +167,28 @@ def evaluate(
         calls.append(functools.partial(roll_out, rested, trajectory, way, COUNTS[way], number))
     fig5 = {loop: plans[VALIDATION, loop, ""] for loop in (OPEN_LOOP, FEEDBACK)}
     disturbances = DISTURBANCES if settings.disturb else ()
-    calls += [functools.partial(roll_out_disturbed, rested, fig5, each) for each in disturbances]
+    for disturbance in disturbances:
+        calls.append(functools.partial(roll_out_disturbed, rested, fig5, disturbance))
     (firsts, split), *driven = call_all(calls, num_processes)
-    # Sort the rollouts by motion and method.
-    ways = {(motion, OPEN_LOOP, ""): way for motion, way in firsts.items()}
-    ways |= zip(runs, driven, strict=False)
+    # Sort the rollouts by motion and method, and by other models.
+    rollouts = dict(zip(runs, driven, strict=False))
+    ways: dict[str, dict[str, PlanWithRollouts]] = {}
+    compared: dict[str, dict[str, PlanWithRollouts]] = {model: {} for model in others}
+    for motion in MOTIONS:
+        ways[motion] = {OPEN_LOOP: firsts[motion]}
+        for way in settings.closed_loop(motion):
+            ways[motion][way] = rollouts[motion, way, ""]
+        for model in others:
+            compared[model][motion] = rollouts[motion, OPEN_LOOP, model]
     return Experiment(
         specimen,
         recordings,
         calibration,
         taught,
-        ways={
-            motion: {
-                way: ways[motion, way, ""] for way in (OPEN_LOOP, *settings.closed_loop(motion))
-            }
-            for motion in MOTIONS
-        },
+        ways,
         disturbed=dict(zip(disturbances, driven[len(runs) :], strict=True)),
         split=split,
-        compared={
-            model: {motion: ways[motion, OPEN_LOOP, model] for motion in MOTIONS}
-            for model in models
-            if model
-        },
+        compared=compared,
     )
 
 
@@ -235,10 +235,10 @@ def open_loop(
     rested: Specimen, calibration: Calibration, plans: dict[str, Trajectory]
 ) -> tuple[dict[str, PlanWithRollouts], dict[str, Split]]:
     """Return rollouts of each motion's plan, and the split of the first rollout's error."""
-    ways = {
-        motion: roll_out(rested, trajectory, OPEN_LOOP, NUM_ROLLOUTS, MOTIONS.index(motion))
-        for motion, trajectory in plans.items()
-    }
+    ways = {}
+    for motion, trajectory in plans.items():
+        number = MOTIONS.index(motion)
+        ways[motion] = roll_out(rested, trajectory, OPEN_LOOP, NUM_ROLLOUTS, number)
     return ways, error_split(calibration, ways)
 
 

@@ -27,12 +27,12 @@ def plot_taught(experiment: Experiment) -> Figure:
     axes = figure.subplots(2 * len(motions), 1)
     for pair, (motion, by_hand) in zip(axes.reshape(-1, 2), motions.items(), strict=True):
         repeated = experiment.ways[motion][OPEN_LOOP].rollouts[0]
-        for axis, recording, what, color in (
+        for axis, recording, title, color in (
             (pair[0], by_hand, "taught", "0.35"),
             (pair[1], repeated, "repeated", ROLLOUT_COLOR),
         ):
             _plot_poses(axis, recording, color)
-            axis.set_ylabel(f"{motion},\n{what}", fontsize=8.5)
+            axis.set_ylabel(f"{motion},\n{title}", fontsize=8.5)
     axes[-1].set_xlabel("time (s)")
     return figure
 
@@ -42,6 +42,7 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
     times = np.arange(5.0, recording.time[-1], 5.0)
     places = 1.1 * np.arange(len(times))  # in lengths of the limb
     for place, time in zip(places, times, strict=True):
+        # Draw links of equal length in the directions of the joint angles.
         angle = np.interp(time, recording.time, recording.bend_angle[0])
         directions = np.cumsum(joint_angles_from_bend_angle(recording.parameters, [angle]))
         links = np.array([np.sin(directions), -np.cos(directions)]) / len(directions)
@@ -49,6 +50,7 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
         axis.plot(place + x, y, "-", color=color, linewidth=5, solid_capstyle="round")
         axis.plot(place, 0, "s", color="0.7", markersize=8)
         axis.text(place, 0.2, f"{round(np.rad2deg(angle)):+d}°", ha="center", fontsize=8)
+    # Leave the times alone on the axes.
     axis.set_xlim(-0.7, 1.1 * len(times) - 0.4)
     axis.set_ylim(-1.15, 0.45)
     axis.set_aspect("equal")

@@ -146,8 +146,11 @@ def _measured(summaries: Sequence[tables.Summary]) -> list[page.Section]:
     # Leave out tables without rows, such as disturbances of a quick run.
     filled = []
     for heading, text, captions in sections:
-        made = {caption: table(summaries) for caption, table in captions.items()}
-        drawn = [page.table(rows[0], rows[1:], what) for what, rows in made.items() if rows[1:]]
+        drawn = []
+        for caption, make_table in captions.items():
+            header, *rows = make_table(summaries)
+            if rows:
+                drawn.append(page.table(header, rows, caption))
         if drawn:
             filled.append(page.section(heading, page.paragraph(text), *drawn))
     return filled

@@ -1,5 +1,6 @@
 """Evaluate emulated limbs, and write report, pictures and files."""
 
+import collections
 import dataclasses
 import json
 import os
@@ -38,7 +39,7 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
     started = time.perf_counter()
     summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
     if len(jobs) == 1:
-        tell("5/5 drawing figures, and writing the report")
+        announce("5/5 drawing figures, and writing the report")
     _draw(folder, summaries, experiment)
     # Print the calibration, the distances and the files.
     print(f"\n{calibration_summary(experiment.calibration)}\n")
@@ -66,7 +67,7 @@ def reproduce(
         The numbers of each job, and the first one's experiment.
     """
     if len(jobs) == 1 and cluster is None:
-        experiments = iter([evaluate(jobs[0], num_processes, tell)])
+        experiments = iter([evaluate(jobs[0], num_processes, announce)])
     else:
         experiments = run_each(evaluate, jobs, num_processes, cluster=cluster)
     completed: dict[tuple[str, int], Summary] = {}
@@ -79,9 +80,11 @@ def reproduce(
             first = experiment
         # Save its files, and the numbers of all complete limbs.
         _save(experiment, folder / f"{_family(summary)}_{summary.seed}")
-        keys = [(job.physics, job.seed) for job in jobs]
-        done = [completed[key] for key in keys if key in completed]
-        data = [dataclasses.asdict(each) for each in done]
+        done = []
+        for job in jobs:
+            if (job.physics, job.seed) in completed:
+                done.append(completed[job.physics, job.seed])
+        data = list(map(dataclasses.asdict, done))
         text = json.dumps(data, indent=1, ensure_ascii=False)
         write_atomically(folder / "results.json", text)
         if len(jobs) > 1:
@@ -90,7 +93,7 @@ def reproduce(
     return done, first
 
 
-def tell(step: str) -> None:
+def announce(step: str) -> None:
     """Print the next step of a single limb."""
     print(f"{step} ...", flush=True)
 
@@ -106,13 +109,15 @@ def _family(summary: Summary) -> str:
 
 def _line(summary: Summary) -> str:
     """Return a line with a limb's mean distances from its plans, as read, by method."""
-    parts = []
-    for name in dict.fromkeys(name for ways in summary.ways.values() for name in ways):
-        errors = [ways[name].read for ways in summary.ways.values() if name in ways]
-        if name == LEARNING:
-            errors = [repetitions[-1].read for repetitions in summary.repetitions.values()]
-        parts.append(f"{name} {', '.join(f'{error:.1f}°' for error in errors)}")
-    if aborted := sum(way.aborted for ways in summary.ways.values() for way in ways.values()):
+    errors = collections.defaultdict(list)
+    aborted = 0
+    for motion, ways in summary.ways.items():
+        for name, way in ways.items():
+            aborted += way.aborted
+            read = summary.repetitions[motion][-1].read if name == LEARNING else way.read
+            errors[name].append(f"{read:.1f}°")
+    parts = [f"{name} {', '.join(texts)}" for name, texts in errors.items()]
+    if aborted:
         parts.append(f"{aborted} rollouts aborted")
     return f"{_family(summary)} {summary.seed}: {'; '.join(parts)}"
 

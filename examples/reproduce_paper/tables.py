@@ -4,9 +4,12 @@ Each table is a list of rows of text, the header first. Angles are in degrees, t
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
 from limb_systems import Provenance, Trajectory
@@ -63,33 +66,36 @@ class RolloutStatistics:
         # Compute the distances of readings, true bend and plan from the reference.
         plan = way.trajectory.since_start()
         rollouts = way.rollouts
-        truths = [true_bend(rollout) for rollout in rollouts]
+        truths = list(map(true_bend, rollouts))
         read = reference_distances(plan, rollouts)
         true = reference_distances(plan, truths)
-        distances = np.rad2deg(
-            np.array([true.measured, read.measured, read.planned], float)
-        ).tolist()
+        distances = np.array([true.measured, read.measured, read.planned], float)
+        true_distance, read_distance, planned_distance = np.rad2deg(distances).tolist()
         errors = dataclasses.astuple(tracking_errors(plan, rollouts))
-        # Compute the errors of V for each rollout and wire.
+        # Compute the errors of V for each rollout and wire, and find the hottest wire.
         reading_errors = []
+        highest_reading = -np.inf
+        highest_temperature = -np.inf
         for rollout in rollouts:
             for planned, measured in zip(
                 plan.measured_temperature, rollout.measured_temperature, strict=True
             ):
                 interpolated = np.interp(rollout.time, plan.time, planned)
                 reading_errors.append(np.abs(interpolated - measured).mean())
-        wires = [rollout.wire_temperature for rollout in rollouts]
+            assert rollout.wire_temperature is not None  # the emulation knows it
+            highest_reading = max(highest_reading, rollout.measured_temperature.max())
+            highest_temperature = max(highest_temperature, rollout.wire_temperature.max())
         return cls(
-            len(rollouts),
-            sum(bool(rollout.interrupted) for rollout in rollouts),
-            distances[0],
-            distances[1],
-            distances[2],
-            tuple(np.rad2deg(errors).tolist()),
-            float(np.rad2deg(tracking_errors(plan, truths).mean)),
-            float(np.mean(reading_errors)),
-            float(max(r.measured_temperature.max() for r in rollouts)),
-            float(max(t.max() for t in wires if t is not None)),
+            rollouts=len(rollouts),
+            aborted=sum(bool(rollout.interrupted) for rollout in rollouts),
+            true_reference=true_distance,
+            reference=read_distance,
+            planned=planned_distance,
+            tracking=tuple(np.rad2deg(errors).tolist()),
+            true=float(np.rad2deg(tracking_errors(plan, truths).mean)),
+            reading=float(np.mean(reading_errors)),
+            highest_reading=float(highest_reading),
+            highest_temperature=float(highest_temperature),
         )
 
     @property
@@ -129,39 +135,44 @@ class Summary:
 
 def summarize(experiment: Experiment) -> Summary:
     """Return the numbers of an experiment."""
-
-    def numbers(
-        groups: dict[str, dict[str, PlanWithRollouts]],
-    ) -> dict[str, dict[str, RolloutStatistics]]:
-        return {
-            group: {name: RolloutStatistics.of(way) for name, way in ways.items()}
-            for group, ways in groups.items()
-        }
-
-    # Compute the statistics of all rollouts, and of each repetition of learning.
-    ways = numbers(experiment.ways)
-    learned = {m: driven[LEARNING] for m, driven in experiment.ways.items() if LEARNING in driven}
-    best = {motion: driven[OPEN_LOOP] for motion, driven in ways.items()}
+    # Compute the statistics of each motion: its best plan, all rollouts, and the repetitions.
+    nearest = {}
+    repetitions = {}
+    best = {}
+    ways = _statistics(experiment.ways)
+    for motion, driven in experiment.ways.items():
+        nearest[motion] = nearest_distance(driven[OPEN_LOOP].trajectory)
+        best[motion] = ways[motion][OPEN_LOOP]
+        if LEARNING not in driven:
+            continue
+        repetitions[motion] = []
+        for rollout in driven[LEARNING].rollouts:
+            repetition = PlanWithRollouts(driven[LEARNING].trajectory, [rollout])
+            repetitions[motion].append(RolloutStatistics.of(repetition))
+    # Add the statistics of disturbances and other models.
     specimen = experiment.specimen
     prediction = experiment.calibration.prediction
     return Summary(
-        specimen.seed,
-        {m: nearest_distance(way[OPEN_LOOP].trajectory) for m, way in experiment.ways.items()},
-        ways,
-        {
-            motion: [
-                RolloutStatistics.of(PlanWithRollouts(way.trajectory, [rollout]))
-                for rollout in way.rollouts
-            ]
-            for motion, way in learned.items()
-        },
-        numbers(experiment.disturbed),
-        experiment.split,
-        numbers(experiment.compared) | {PREDICTION: best},
-        prediction.best.name if prediction else "",
-        Provenance.now(experiment.calibration.parameters, specimen.seed),
-        specimen.physics,
+        seed=specimen.seed,
+        nearest=nearest,
+        ways=ways,
+        repetitions=repetitions,
+        disturbed=_statistics(experiment.disturbed),
+        split=experiment.split,
+        approaches=_statistics(experiment.compared) | {PREDICTION: best},
+        law=prediction.best.name if prediction else "",
+        provenance=Provenance.now(experiment.calibration.parameters, specimen.seed),
+        physics=specimen.physics,
     )
+
+
+def _statistics(
+    groups: dict[str, dict[str, PlanWithRollouts]],
+) -> dict[str, dict[str, RolloutStatistics]]:
+    statistics: dict[str, dict[str, RolloutStatistics]] = {}
+    for group, ways in groups.items():
+        statistics[group] = {name: RolloutStatistics.of(way) for name, way in ways.items()}
+    return statistics
 
 
 def nearest_distance(trajectory: Trajectory) -> float | None:
@@ -175,8 +186,26 @@ def limbs_of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list
     return [s for s in summaries if s.physics == physics]
 
 
-def _nearest(limbs: Sequence[Summary], motion: str) -> list[float]:
-    return [left for limb in limbs if (left := limb.nearest[motion]) is not None]
+def _of_limbs(limbs: Sequence[Summary], field: str, *keys: str) -> list[Any]:
+    """Return an entry in a field of each limb that has it, such as a motion and a method of ways.
+
+    Args:
+        field: a field of `Summary` that is a dict.
+        keys: keys in that dict, and in the dicts in it.
+    """
+    entries = []
+    for limb in limbs:
+        entry = getattr(limb, field)
+        for key in keys:
+            entry = None if entry is None else entry.get(key)
+        if entry is not None:
+            entries.append(entry)
+    return entries
+
+
+def _column(group: Sequence[RolloutStatistics], name: str) -> np.ndarray:
+    """Return one of the statistics for all members of a group."""
+    return np.array([getattr(made, name) for made in group])
 
 
 def distance_table(summaries: Sequence[Summary], physics: str = LUMPED) -> Rows:
@@ -185,21 +214,24 @@ def distance_table(summaries: Sequence[Summary], physics: str = LUMPED) -> Rows:
     rows = [[*header, OPEN_LOOP, FOLLOW, LEARNING]]
     limbs = limbs_of_family(summaries, physics)
     for motion, name in MOTION_NAMES.items():
-        ways = [limb.ways[motion] for limb in limbs]
-        driven = [
-            [limb.approaches[AS_DESCRIBED][motion] for limb in limbs],
-            *([way[how] for way in ways if how in way] for how in (OPEN_LOOP, FOLLOW)),
-            [limb.repetitions[motion][-1] for limb in limbs if motion in limb.repetitions],
-        ]
-        columns = [[followed.true_reference for followed in group] for group in driven]
-        columns = [_nearest(limbs, motion), *columns]
-        rows.append([name, *(f"{np.mean(c):.2f}°" if c else "" for c in columns)])
+        # Collect the rollouts of each method, and the last repetition of learning.
+        learned = _of_limbs(limbs, "repetitions", motion)
+        groups = (
+            _of_limbs(limbs, "approaches", AS_DESCRIBED, motion),
+            _of_limbs(limbs, "ways", motion, OPEN_LOOP),
+            _of_limbs(limbs, "ways", motion, FOLLOW),
+            [repetitions[-1] for repetitions in learned],
+        )
+        columns = [np.array(_of_limbs(limbs, "nearest", motion))]
+        for group in groups:
+            columns.append(_column(group, "true_reference"))
+        cells = [f"{column.mean():.2f}°" if len(column) else "" for column in columns]
+        rows.append([name, *cells])
     return rows
 
 
 def table_1(summaries: Sequence[Summary]) -> Rows:
     """Return Table I: each motion and method, over the limbs of each family, and the paper's."""
-    from_plan = "read bend from the plan"
     rows = [
         [
             "trajectory",
@@ -207,7 +239,9 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
             "true bend from the reference: mean",
             "read bend from the reference: mean",
             "plan from the reference: mean",
-            *(f"{from_plan}: {name}" for name in ("mean", "median", "90th percentile")),
+            "read bend from the plan: mean",
+            "read bend from the plan: median",
+            "read bend from the plan: 90th percentile",
             "true bend from the plan: mean",
             "highest V",
             "highest T",
@@ -222,32 +256,38 @@ def table_1(summaries: Sequence[Summary]) -> Rows:
             name = f"{'emulated' if physics == LUMPED else physics} limb"
             name = f"{len(limbs)} {name}s" if len(limbs) > 1 else name
             best = f"{name}, best plan within the limits"
-            motion_rows.append([best, mean_and_margin(_nearest(limbs, motion))])
+            nearest = _of_limbs(limbs, "nearest", motion)
+            motion_rows.append([best, mean_and_margin(nearest)])
             groups: dict[str, list[RolloutStatistics]] = {}
             for limb in limbs:
-                ways = {way: made for way, made in limb.ways[motion].items() if way != LEARNING}
+                ways = dict(limb.ways[motion])
+                ways.pop(LEARNING, None)
                 for count, learned in enumerate(limb.repetitions.get(motion, []), 1):
                     if count in (*SHOWN_REPETITIONS, len(limb.repetitions[motion])):
                         ways[f"{LEARNING}, best of {count} as read"] = learned
                 for way, made in ways.items():
                     groups.setdefault(way, []).append(made)
-            motion_rows += [[f"{name}, {way}", *_cells(group)] for way, group in groups.items()]
+            for way, group in groups.items():
+                motion_rows.append([f"{name}, {way}", *_cells(group)])
         # Add the paper's row.
         if motion in PAPER_TABLE_1:
             errors = [f"{value:.2f}" for value in PAPER_TABLE_1[motion]]
             motion_rows.append(["the paper's robot", "", "", "", *errors])
         # Put the motion's name into its first row only.
-        rows += [["" if number else motion, *row] for number, row in enumerate(motion_rows)]
+        title = motion
+        for row in motion_rows:
+            rows.append([title, *row])
+            title = ""
     return _filled(rows)
 
 
 def _cells(group: Sequence[RolloutStatistics]) -> list[str]:
     return [
-        mean_and_margin([made.true_reference for made in group]),
-        f"{np.mean([made.reference for made in group]):.2f}",
-        f"{np.mean([made.planned for made in group]):.2f}",
-        *map(mean_and_margin, zip(*(made.tracking for made in group), strict=True)),
-        f"{np.mean([made.true for made in group]):.2f}",
+        mean_and_margin(_column(group, "true_reference")),
+        f"{_column(group, 'reference').mean():.2f}",
+        f"{_column(group, 'planned').mean():.2f}",
+        *map(mean_and_margin, _column(group, "tracking").T),
+        f"{_column(group, 'true').mean():.2f}",
         *_hottest(group),
     ]
 
@@ -255,15 +295,17 @@ def _cells(group: Sequence[RolloutStatistics]) -> list[str]:
 def _hottest(group: Sequence[RolloutStatistics]) -> list[str]:
     """Return highest V and highest T of all rollouts, °C, and the number of aborted rollouts."""
     return [
-        f"{max(made.highest_reading for made in group):.0f}",
-        f"{max(made.highest_temperature for made in group):.0f}",
-        f"{sum(made.aborted for made in group)} of {sum(made.rollouts for made in group)}",
+        f"{_column(group, 'highest_reading').max():.0f}",
+        f"{_column(group, 'highest_temperature').max():.0f}",
+        f"{_column(group, 'aborted').sum()} of {_column(group, 'rollouts').sum()}",
     ]
 
 
 def _distances(group: Sequence[RolloutStatistics]) -> tuple[str, str]:
     """Return the mean distance of the true bend from the reference, and read / true errors."""
-    away, read, true = np.mean([(m.true_reference, m.read, m.true) for m in group], axis=0)
+    away = _column(group, "true_reference").mean()
+    read = _column(group, "read").mean()
+    true = _column(group, "true").mean()
     return f"{away:.2f}", f"{read:.2f} / {true:.2f}"
 
 
@@ -274,19 +316,31 @@ def _filled(rows: Rows) -> Rows:
 
 def disturbance_table(summaries: Sequence[Summary]) -> Rows:
     """Return feedback and open loop by disturbance; the last row is the worst of feedback."""
-    columns = "true bend from the reference", "bend from the plan, read / true"
     rows = [
-        ["disturbance"]
-        + [f"feedback: {name}" for name in (*columns, "highest V", "highest T", "aborted")]
-        + [f"open loop: {name}" for name in (*columns, "highest T", "aborted")]
+        [
+            "disturbance",
+            "feedback: true bend from the reference",
+            "feedback: bend from the plan, read / true",
+            "feedback: highest V",
+            "feedback: highest T",
+            "feedback: aborted",
+            "open loop: true bend from the reference",
+            "open loop: bend from the plan, read / true",
+            "open loop: highest T",
+            "open loop: aborted",
+        ]
     ]
-    limbs = [limb.disturbed for limb in limbs_of_family(summaries) if limb.disturbed]
+    limbs = limbs_of_family(summaries)
+    disturbances = dict.fromkeys(itertools.chain(*(limb.disturbed for limb in limbs)))
     every = []
-    for name in limbs[0] if limbs else []:
-        closed = [limb[name][FEEDBACK] for limb in limbs]
-        opened = [limb[name][OPEN_LOOP] for limb in limbs if OPEN_LOOP in limb[name]]
+    # Add a row for each disturbance; open loop has no row where a sensor is disturbed.
+    for name in disturbances:
+        closed = _of_limbs(limbs, "disturbed", name, FEEDBACK)
+        opened = _of_limbs(limbs, "disturbed", name, OPEN_LOOP)
         row = [name, *_distances(closed), *_hottest(closed)]
-        rows.append(row + ([*_distances(opened), *_hottest(opened)[1:]] if opened else []))
+        if opened:
+            row += [*_distances(opened), *_hottest(opened)[1:]]
+        rows.append(row)
         every += closed
     if every:
         rows.append(["all, the worst", "", "", *_hottest(every)])
@@ -297,19 +351,21 @@ def approach_table(summaries: Sequence[Summary]) -> Rows:
     """Return mean distances by motion, error of V and aborted rollouts, by calibrated model."""
     limbs = limbs_of_family(summaries)
     rows = [["model", *MOTIONS, "V, °C", "aborted"]]
-    for name in dict.fromkeys(name for limb in limbs for name in limb.approaches):
-        compared = [limb.approaches[name] for limb in limbs if name in limb.approaches]
-        driven = [made for limb in compared for made in limb.values()]
-        count = f" ({len(compared)} limb{'s' * (len(compared) > 1)})" * (len(compared) < len(limbs))
-        aborted = np.mean([made.aborted / made.rollouts for made in driven])
-        rows.append(
-            [
-                name + count,
-                *("; ".join(_distances([limb[motion] for limb in compared])) for motion in MOTIONS),
-                f"{np.mean([made.reading for made in driven]):.2f}",
-                f"{100 * aborted:.0f}%",
-            ]
-        )
+    for name in dict.fromkeys(itertools.chain(*(limb.approaches for limb in limbs))):
+        # Average over the limbs for which this model was made.
+        driven = []
+        distances = []
+        for motion in MOTIONS:
+            group = _of_limbs(limbs, "approaches", name, motion)
+            driven += group
+            distances.append("; ".join(_distances(group)))
+        num_limbs = len(_of_limbs(limbs, "approaches", name))
+        count = ""
+        if num_limbs < len(limbs):
+            count = f" ({num_limbs} limb{'s' * (num_limbs > 1)})"
+        aborted = np.mean(_column(driven, "aborted") / _column(driven, "rollouts"))
+        reading = _column(driven, "reading").mean()
+        rows.append([name + count, *distances, f"{reading:.2f}", f"{100 * aborted:.0f}%"])
     return rows
 
 
@@ -318,42 +374,48 @@ def law_table(summaries: Sequence[Summary]) -> Rows:
     rows = [["limb", "law", *MOTIONS]]
     for limb in summaries:
         kind = "" if limb.physics == LUMPED else f"{limb.physics}, "
-        made = [limb.ways[motion][OPEN_LOOP] for motion in MOTIONS]
-        distances = [f"{m.true_reference:.2f}°, {m.true:.2f}°" for m in made]
+        distances = []
+        for motion in MOTIONS:
+            made = limb.ways[motion][OPEN_LOOP]
+            distances.append(f"{made.true_reference:.2f}°, {made.true:.2f}°")
         rows.append([f"{kind}seed {limb.seed}", limb.law, *distances])
     return rows
 
 
 def step_table(summaries: Sequence[Summary]) -> Rows:
     """Return the mean absolute difference of each step of `error_split`."""
-    return _split_table(summaries, {step: f"{step}: {what}" for step, what in STEPS.items()}, 0)
+    names = [f"{step}: {meaning}" for step, meaning in STEPS.items()]
+    return _split_table(summaries, names, 0)
 
 
 def part_table(summaries: Sequence[Summary]) -> Rows:
     """Return the part of each step of `error_split` in the whole error."""
-    return _split_table(summaries, {step: step for step in STEPS}, 1)
+    return _split_table(summaries, list(STEPS), 1)
 
 
-def _split_table(summaries: Sequence[Summary], names: dict[str, str], which: int) -> Rows:
-    splits = [limb.split for limb in limbs_of_family(summaries)]
+def _split_table(summaries: Sequence[Summary], names: Sequence[str], which: int) -> Rows:
+    """Return a row for each step, with a number of its `Split`, and a row for the whole error."""
+    columns = []
+    for motion in MOTIONS:
+        # The parts add up to the mean error.
+        splits = _of_limbs(limbs_of_family(summaries), "split", motion)
+        numbers = np.array([list(split.values()) for split in splits])  # (limbs, steps, 2)
+        columns.append([*numbers[..., which].T, numbers[..., 1].sum(axis=1)])
     rows = [["", *MOTIONS]]
-    for step, name in names.items():
-        columns = [[split[motion][step][which] for split in splits] for motion in MOTIONS]
-        rows.append([name, *map(mean_and_margin, columns)])
-    # The parts add up to the mean error.
-    errors = [[sum(p for _, p in split[motion].values()) for split in splits] for motion in MOTIONS]
-    return [*rows, ["whole error of the first rollout", *map(mean_and_margin, errors)]]
+    for name, *cells in zip([*names, "whole error of the first rollout"], *columns, strict=True):
+        rows.append([name, *map(mean_and_margin, cells)])
+    return rows
 
 
-def mean_and_margin(values: Sequence[float]) -> str:
+def mean_and_margin(values: ArrayLike) -> str:
     """Return the mean over limbs and the half-width of its 95% confidence interval (Student's t).
 
     One limb has no interval, and no limb an empty cell.
     """
-    if not values:
+    count = np.size(values)
+    if not count:
         return ""
     text = f"{round(float(np.mean(values)), 2) + 0.0:.2f}"  # and no -0.00
-    count = len(values)
     if count == 1:
         return text
     spread = np.std(values, ddof=1) / np.sqrt(count)

@@ -38,17 +38,16 @@ def to_pandas(samples) -> pandas.DataFrame:
     """
     text = io.StringIO(samples.to_text())
     frame = pandas.read_csv(text, comment="#", index_col="time_s")
-    about = {name: getattr(samples, name, None) for name in ("source", "interrupted", "check")}
     frame.attrs = {
         "kind": samples.KIND,
         "units": {name: unit_of(name) for name in ("time_s", *frame)},
         "provenance": samples.provenance and dataclasses.asdict(samples.provenance),
-        **{
-            name: dataclasses.asdict(value) if dataclasses.is_dataclass(value) else value
-            for name, value in about.items()
-            if value is not None
-        },
     }
+    for name in ("source", "interrupted", "check"):
+        value = getattr(samples, name, None)
+        if value is not None:
+            is_record = dataclasses.is_dataclass(value)
+            frame.attrs[name] = dataclasses.asdict(value) if is_record else value
     return frame
 
 
@@ -71,11 +70,9 @@ def write_parquet(samples, path: Path) -> None:
     frame.attrs = without_nan(frame.attrs)
     table = pyarrow.Table.from_pandas(frame)
     units = frame.attrs["units"]
-    schema = pyarrow.schema(
-        [field.with_metadata({"unit": units[field.name]}) for field in table.schema]
-    )
+    fields = [field.with_metadata({"unit": units[field.name]}) for field in table.schema]
     about = json.dumps(about_of(samples, frame), ensure_ascii=False)
-    schema = schema.with_metadata({**table.schema.metadata, METADATA: about})
+    schema = pyarrow.schema(fields).with_metadata({**table.schema.metadata, METADATA: about})
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(table.cast(schema), buffer)
     write_atomically(path, buffer.getvalue())
@@ -110,16 +107,17 @@ def write_mcap(samples, path: Path) -> None:
     for index, time in enumerate(frame.index.tolist()):
         at = round(time * 1e9)
         for channel, names, rows in channels:
-            values = zip(names, rows[index], strict=True)
             # JSON has no NaN: a reading that is missing is not in the message.
-            message = {"time_s": time, **{n: v for n, v in values if not math.isnan(v)}}
+            message = {"time_s": time}
+            for name, value in zip(names, rows[index], strict=True):
+                if not math.isnan(value):
+                    message[name] = value
             writer.add_message(channel, at, json.dumps(message).encode(), at, sequence=index)
     # Write the metadata of the file.
-    about = without_nan(about_of(samples, frame))
-    texts = {
-        name: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        for name, value in about.items()
-    }
+    texts = {}
+    for name, value in without_nan(about_of(samples, frame)).items():
+        is_text = isinstance(value, str)
+        texts[name] = value if is_text else json.dumps(value, ensure_ascii=False)
     writer.add_metadata(METADATA, texts)
     writer.finish()
     write_atomically(path, buffer.getvalue())
@@ -174,7 +172,7 @@ def read_mcap(path: Path) -> pandas.DataFrame:
     for logged, numbers in messages:
         time = numbers["time_s"] if have_time else (logged - start) * 1e-9
         rows.setdefault(time, {"time_s": time}).update(numbers | {"time_s": time})
-    return pandas.DataFrame([rows[time] for time in sorted(rows)])
+    return pandas.DataFrame(map(rows.get, sorted(rows)))
 
 
 def floats_of(data: bytes, topic: str) -> dict[str, float]:

@@ -243,6 +243,7 @@ def _check_heat(
     highest = [round(bound / least_share, 1) for bound in most_heating]
     heating = [round(float(rate), 1) for rate in heating]
     is_low = [rate < low for rate, low in zip(heating, lowest, strict=True)]
+    # If one wire alone is low, its thermocouple is suspect; else the description is.
     for wire, name in enumerate(names):
         sentence = (
             f"{name} wire shows {heating[wire]:.1f} °C/s at full duty, where {lowest[wire]:.1f} to "

@@ -218,7 +218,7 @@ def _check_refusal(
 
 
 def _check_duty_end(
-    host: Host, reason: int, within: float, act: Callable[[], None] = lambda: None
+    host: Host, reason: int, max_age: float, act: Callable[[], None] = lambda: None
 ) -> str:
     """Heat gently and act; return the fault unless duty ends in time for a reason."""
     if fault := host.heat():
@@ -227,7 +227,7 @@ def _check_duty_end(
     act()
     host.wait(0.6)
     age = max(s.board_time for s in host.samples if s.armed or s.duty.any()) - answered
-    if age <= within and host.newest.reason == reason:
+    if age <= max_age and host.newest.reason == reason:
         return ""
     return f"armed for {age:.2f} s after it, then off for reason {host.newest.reason}"
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from limb_systems import LimbSystem, Provenance, Recording
+from limb_systems import LimbSystem, Recording
 from limb_systems.drake_python import weak_method
 from limb_systems.files.signal_table import clip_rounding, column_names
 from limb_systems.files.table_writer import TableWriter
+from limb_systems.simulation import RecordOptions
 
 SIGNALS = ("measured_temperature", "bend_angle")
 ROBOT_SIGNALS = ("applied_duty", "board_time", "sample_age", "body_pose")  # if the limb has them
@@ -25,12 +26,14 @@ class Journal(LeafSystem):
     If the program dies, `Recording.load(journal.writer.path, unfinished=True)`
     reads the samples that arrived before.
 
-    - input 0 ``duty``: D (2), in [0, 1]
-    - input 1 ``measured_temperature``: V (2), °C
-    - input 2 ``bend_angle``: φ (1), rad
-    - from input 3 on, where the limb has such outputs: ``applied_duty`` (2),
-      ``board_time`` and ``sample_age`` (1), s, and ``body_pose``; last, if there is one,
-      ``reference`` (1), rad
+    For a limb of W wires and F bends:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - input 1 ``measured_temperature``: V (W), °C
+    - input 2 ``bend_angle``: φ (F), rad
+    - from input 3 on, where the limb has such outputs: ``applied_duty`` (W), in [0, 1];
+      ``board_time`` (1) and ``sample_age`` (1), s; ``body_pose`` (3 or 6), m and rad; last, if
+      there is one, ``reference`` (F), rad
 
     ``writer`` has the file, ``signals`` the names of the inputs.
     """
@@ -41,10 +44,8 @@ class Journal(LeafSystem):
         self,
         path: str | Path,
         limb: LimbSystem,
-        sample_rate: float,
+        options: RecordOptions,
         *,
-        has_reference: bool = False,
-        provenance: Provenance | None = None,
         kind: str = "",
         may_wait: bool = False,
     ):
@@ -52,9 +53,7 @@ class Journal(LeafSystem):
         Args:
             path: name of the finished file.
             limb: limb whose ``parameters`` and ``source`` go into the header.
-            sample_rate: Hz.
-            has_reference: whether there is an input for the reference of the bend angle.
-            provenance: origin of the recording; None if it is not known.
+            options: sample rate and provenance of the recording, and whether it has a reference.
             kind: kind of the recording, see `Recording`.
             may_wait: as for `TableWriter`.
 
@@ -68,22 +67,23 @@ class Journal(LeafSystem):
         signals: Any = {name: np.empty((len(names[name]), 0)) for name in ("duty", *SIGNALS)}
         empty = Recording(
             source=limb.source,
-            sample_rate=sample_rate,
+            sample_rate=options.sample_rate,
             parameters=limb.parameters,
             robot=robot,
-            provenance=provenance,
+            provenance=options.provenance,
             kind=kind,
             time=np.empty(0),
             **signals,
         )
         # Declare an input for each signal, whose columns follow the time.
         self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, ROBOT_SIGNALS)]
-        self.signals += ["reference"] * has_reference
+        if options.reference:
+            self.signals.append("reference")
         columns = list(names["time"])
         for signal in self.signals:
             columns += names[signal]
             self.DeclareVectorInputPort(signal, len(names[signal]))
-        self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
+        self.DeclarePeriodicPublishEvent(1 / options.sample_rate, 0.0, weak_method(self._append))
         self.writer = TableWriter(path, Recording.KIND, empty.header(), columns, may_wait=may_wait)
 
     def _append(self, context):
@@ -103,10 +103,8 @@ def open_journal(
     path: str | Path | None,
     limb: LimbSystem,
     duty: OutputPort,
-    sample_rate: float,
+    options: RecordOptions,
     *,
-    reference: OutputPort | None = None,
-    provenance: Provenance | None = None,
     ended_by_hand: bool = False,
     kind: str = "",
     may_wait: bool = False,
@@ -120,10 +118,8 @@ def open_journal(
     Args:
         builder: builder of the diagram, to which the journal is added.
         path: file; no journal if None.
-        limb, sample_rate: as for `Journal`.
+        limb, options, kind, may_wait: as for `Journal`.
         duty: port that drives the limb.
-        reference: port of the reference of the bend angle.
-        provenance, kind, may_wait: as for `Journal`.
         ended_by_hand: whether Ctrl-C is a regular end, after which the file gets its name.
 
     Raises:
@@ -132,21 +128,13 @@ def open_journal(
     if path is None:
         yield None
         return
-    journal = Journal(
-        path,
-        limb,
-        sample_rate,
-        has_reference=reference is not None,
-        provenance=provenance,
-        kind=kind,
-        may_wait=may_wait,
-    )
+    journal = Journal(path, limb, options, kind=kind, may_wait=may_wait)
     writer = journal.writer
     try:
         with closing(limb):
             # Connect the journal to the limb, and let the caller run the diagram.
             builder.AddSystem(journal)
-            ports = {"duty": duty, "reference": reference}
+            ports = {"duty": duty, "reference": options.reference}
             for name in journal.signals:
                 port = ports[name] if name in ports else limb.GetOutputPort(name)
                 builder.Connect(port, journal.GetInputPort(name))

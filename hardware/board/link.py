@@ -9,6 +9,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -202,6 +203,7 @@ class SerialPort(Closeable):
             HardwareError: if it cannot be opened, or another program has it.
         """
         self.port = port
+        # Open it, and explain an error in words.
         try:
             self._serial = serial.serial_for_url(
                 port, BAUD_RATE, timeout=0.01, write_timeout=WRITE_TIMEOUT, do_not_open=True
@@ -254,6 +256,15 @@ class SerialPort(Closeable):
             raise HardwareError(
                 f"The cable to {self.port} is gone: {_error_text(error)}."
             ) from error
+
+
+def check_port_exists(port: str) -> None:
+    """Raise HardwareError if there is no serial port of this name; open none. URLs are not checked.
+
+    Opening a port resets some boards.
+    """
+    if "://" not in port and not Path(port).exists():
+        raise HardwareError(f"There is no port {port}; soft-limb status lists those there are.")
 
 
 def _error_text(error: Exception) -> str:

@@ -9,7 +9,6 @@ from pydrake.trajectories import Trajectory
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import weak_method
-from limb_systems.kinematics import rest_joint_angles
 from limb_systems.symbolic_chain import tip_position_function
 
 GRIP_STIFFNESS_RATIO = 20.0  # stiffness of the hand over the limb's bending stiffness
@@ -40,7 +39,7 @@ class EmulatedRubber(SymbolicVectorSystem):
         joint_state = MakeVectorVariable(2 * num_joints, "x")
         state = MakeVectorVariable(num_joints, "q")
         rest = specimen.rest_angles()
-        described_rest = rest_joint_angles(parameters)
+        described_rest = LimbModel.of(parameters).mechanics.rest_angles
         with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
             relaxed = state + specimen.state.get("rubber", rest)
             bent = joint_state[:num_joints] - described_rest

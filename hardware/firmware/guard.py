@@ -165,6 +165,7 @@ class Guard:
         sequence: modulo 2**16; sample_time: time of the newest sample that the host had, ms modulo
         2**32; duty: of each wire.
         """
+        # Ignore commands of another session, copies and older ones.
         if self.state != ARMED or session != self.session or len(duty) != len(self.duty):
             return
         if not 0 < (sequence - self.acknowledged) & 0xFFFF < 0x8000:
@@ -172,6 +173,7 @@ class Guard:
         if min(duty) < 0.0 or max(duty) > 1.0:
             self.trip(OUT_OF_RANGE, now)
             return
+        # Ignore a command that answers an older sample.
         age = (now - sample_time) & 0xFFFFFFFF
         if age >= HEARTBEAT:
             self._late = True
@@ -214,6 +216,7 @@ class Guard:
         elapsed = now - self._sample_time
         if self._samples or not self._faulty:
             self._average(temperatures, junctions, elapsed)
+        # Check each sensor, then allow as much duty as the checks leave.
         for wire in self._wires:
             self._check_wire(wire, temperatures[wire], faults[wire], elapsed, now)
         if bends is None:

@@ -1,6 +1,7 @@
 """Export of plans for other programs that drive a limb: rows of duty, as CSV or as a C header."""
 
 import dataclasses
+import io
 import json
 import math
 from pathlib import Path
@@ -55,15 +56,16 @@ def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 
     Raises:
         LimbError: as `zero_order_hold_duty` does.
     """
+    duty = zero_order_hold_duty(plan, rate, duty_max)
+    # Write the comment and the names.
     scale = "" if duty_max == 1 else f"_of_{duty_max}"
-    columns = zero_order_hold_duty(plan, rate, duty_max)
-    lines = [f"# {line}" for line in _comment_lines(plan, rate, duty_max)]
+    comment = _comment(plan, rate, duty_max).replace("\n", "\n# ")
     names = [f"duty_{name}{scale}" for name in plan.parameters.wire_names]
-    lines.append(",".join(["time_s", *names]))
-    for index, row in enumerate(columns.T):
-        cells = [f"{index / rate:.9g}"]
-        cells += [_text(value, duty_max) for value in row]
-        lines.append(",".join(cells))
+    lines = [f"# {comment}", ",".join(["time_s", *names])]
+    # Write the rows.
+    times = np.arange(duty.shape[1]) / rate
+    row_format = ",".join(["%.9g"] + [_number_format(duty_max)] * len(duty))
+    lines += _formatted_rows(np.vstack([times, duty]), row_format)
     write_atomically(path, "\n".join(lines) + "\n")
 
 
@@ -75,23 +77,23 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
     Raises:
         LimbError: as `zero_order_hold_duty` does.
     """
-    columns = zero_order_hold_duty(plan, rate, duty_max)
+    duty = zero_order_hold_duty(plan, rate, duty_max)
     # Choose the type of the numbers, and format the rows.
     number_type = "float" if duty_max == 1 else "uint8_t" if duty_max < 256 else "uint16_t"
     suffix = "f" if duty_max == 1 else ""
-    about = [line.replace("*/", "* /") for line in _comment_lines(plan, rate, duty_max)]
-    rows = []
-    for row in columns.T:
-        rows.append(", ".join(f"{_text(value, duty_max)}{suffix}" for value in row))
+    row = ", ".join([f"{_number_format(duty_max)}{suffix}"] * len(duty))
+    rows = _formatted_rows(duty, f"    {{{row}}},")
     # Write them between definitions and a guard against double inclusion.
+    comment = _comment(plan, rate, duty_max).replace("*/", "* /").replace("\n", "\n * ")
     lines = [
-        *("/* " + "\n * ".join(about) + "\n */").splitlines(),
+        f"/* {comment}",
+        " */",
         "#ifndef PLAN_H",
         "#define PLAN_H",
         "#include <stdint.h>",
         f"#define PLAN_RATE_HZ {float(rate)!r}f",
         f"#define PLAN_ROWS {len(rows)}",
-        f"#define PLAN_WIRES {len(columns)}",
+        f"#define PLAN_WIRES {len(duty)}",
         f"#define PLAN_DUTY_MAX {duty_max}",
         "#ifndef PLAN_MEMORY",
         "#define PLAN_MEMORY /* PROGMEM on an AVR, if defined before */",
@@ -99,20 +101,27 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
         "static const char *const plan_wires[PLAN_WIRES] = "
         f"{{{', '.join(map(json.dumps, plan.parameters.wire_names))}}};",
         f"static const {number_type} plan_duty[PLAN_ROWS][PLAN_WIRES] PLAN_MEMORY = {{",
-        *(f"    {{{row}}}," for row in rows),
+        *rows,
         "};",
         "#endif",
     ]
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _text(value: float, duty_max: int) -> str:
-    """Return a duty as text, a whole number if it is in counts."""
-    return f"{value:.9f}" if duty_max == 1 else f"{value:.0f}"
+def _number_format(duty_max: int) -> str:
+    """Return the format of a duty, a whole number if it is in counts."""
+    return "%.9f" if duty_max == 1 else "%.0f"
 
 
-def _comment_lines(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
-    """Return the comment for the program that drives the limb, in lines."""
+def _formatted_rows(columns: np.ndarray, row_format: str) -> list[str]:
+    """Return the text of each row of columns (C, K) by a format of its C numbers."""
+    text = io.StringIO()
+    np.savetxt(text, columns.T, row_format)
+    return text.getvalue().splitlines()
+
+
+def _comment(plan: Trajectory, rate: float, duty_max: int) -> str:
+    """Return the comment for the program that drives the limb."""
     # Name the wires, the rate, the end of the rows and the assumptions.
     limits = plan.parameters.temperature_limits
     names = ", ".join(plan.parameters.wire_names)
@@ -133,4 +142,4 @@ def _comment_lines(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
     for name, value in provenance.items():
         if value not in ("", None):
             lines.append(f"provenance.{name}: {value}")
-    return lines
+    return "\n".join(lines)

@@ -63,7 +63,12 @@ def rare(default: Any) -> Any:
 
 
 def word(default: Any, words: collections.abc.Iterable, *, rare: bool = False) -> Any:
-    """Return a dataclass field that has one of some words, or of some numbers."""
+    """Return a dataclass field that has one of some words, or of some numbers.
+
+    Args:
+        words: the accepted words or numbers.
+        rare: whether files leave it out where it has its default, see `rare`.
+    """
     return dataclasses.field(default=default, metadata={"words": list(words), "rare": rare})
 
 

@@ -6,7 +6,8 @@ them; times are (K,). Recordings and trajectories are made of these.
 
 import copy
 import dataclasses
-from collections.abc import Collection, Iterator
+import itertools
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -51,25 +52,32 @@ def column_names(
     masses. Connected limbs, such as a robot's, have further signals.
     """
     wires = parameters.wire_names
-    suffixes = parameters.bend_suffixes
+    bends = parameters.bend_suffixes
     joints = range(1, parameters.num_joints + 1)
-    # Wires have states other than T only with some laws.
-    others = LimbModel.of(parameters).wires.state_names[len(wires) :]
-    return {
+    columns = {
         "time": ["time_s"],
-        "duty": [f"duty_{wire}" for wire in wires],  # as commanded
-        "applied_duty": [f"applied_duty_{wire}" for wire in wires],  # as the board reports it
+        "duty": _names("duty_{}", wires),  # as commanded
+        "applied_duty": _names("applied_duty_{}", wires),  # as the board reports it
         "board_time": ["board_time_s"],  # by the board's own clock
         "sample_age": ["sample_age_s"],  # since the sample arrived
-        "measured_temperature": [f"measured_temperature_{wire}_c" for wire in wires],
-        "bend_angle": [f"bend_angle{suffix}_deg" for suffix in suffixes],
-        "reference": [f"reference_angle{suffix}_deg" for suffix in suffixes],
-        "wire_temperature": [f"wire_temperature_{wire}_c" for wire in wires],
-        "joint_state": [f"joint_angle_{i}_deg" for i in joints]
-        + [f"joint_rate_{i}_deg_s" for i in joints],
-        **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
-        **(connected.signal_columns() if connected else {}),
+        "measured_temperature": _names("measured_temperature_{}_c", wires),
+        "bend_angle": _names("bend_angle{}_deg", bends),
+        "reference": _names("reference_angle{}_deg", bends),
+        "wire_temperature": _names("wire_temperature_{}_c", wires),
+        "joint_state": [
+            *_names("joint_angle_{}_deg", joints),
+            *_names("joint_rate_{}_deg_s", joints),
+        ],
     }
+    # Wires have states other than T only with some laws.
+    if others := LimbModel.of(parameters).wires.state_names[len(wires) :]:
+        columns["other_wire_state"] = _names("wire_state_{}", others)
+    return columns | (connected.signal_columns() if connected else {})
+
+
+def _names(form: str, parts: Iterable[str | int]) -> list[str]:
+    """Return the name of the column of each part."""
+    return list(map(form.format, parts))
 
 
 def signal(default: Any = dataclasses.MISSING) -> Any:
@@ -218,12 +226,11 @@ class Samples(Summarized):
         described.validate()
         # Check the columns against the description.
         groups = cls.columns_of(robot.as_single_limb if robot else described, robot)
-        known_columns = {column for group in groups.values() for column in group}
+        known_columns = set(itertools.chain(*groups.values()))
         for column in table.columns:
             if column not in known_columns:
                 raise FileFormatError(f"the column {column} does not belong here.")
-        # Stack the columns of each signal. Bends of plans follow from joints and are no field.
-        field_names = {field.name for field in dataclasses.fields(cls)}
+        # Stack the columns of each signal.
         values: dict[str, Any] = {"interrupted": table.interrupted}
         for name, group in groups.items():
             missing = [column for column in group if column not in table.columns]
@@ -232,7 +239,9 @@ class Samples(Summarized):
                 values[name] = rows[0] if name in TIMES else rows
             elif name not in cls.optional() or len(missing) < len(group):
                 raise FileFormatError(f"the column {missing[0]} is missing.")
-        return cls(**header, **{name: values[name] for name in values if name in field_names})
+        # Bends of plans follow from joints and are no field; plans cannot be interrupted.
+        fields = {field.name for field in dataclasses.fields(cls)}
+        return cls(**header, **{name: values[name] for name in fields & values.keys()})
 
     def _check(self) -> None:
         """Convert the signals to arrays and check them.

@@ -63,7 +63,7 @@ def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray
     maximum = parameters.temperature_limits.maximum
     stops = np.linspace(ambient, maximum, len(WIRE_COLORS))
     values = np.asarray(temperature, float)
-    return np.stack([np.interp(values, stops, channel) for channel in WIRE_COLORS.T], axis=-1)
+    return np.apply_along_axis(lambda channel: np.interp(values, stops, channel), 0, WIRE_COLORS)
 
 
 def linear_wire_color(parameters: LimbParameters, temperature: np.ndarray) -> np.ndarray:
@@ -107,7 +107,7 @@ class Ghost:
 
 def _rgb(code: str) -> tuple[float, ...]:
     """Return the sRGB values in [0, 1] of a code such as "#999999"."""
-    return tuple(value / 255 for value in bytes.fromhex(code[1:]))
+    return tuple(np.frombuffer(bytes.fromhex(code[1:]), np.uint8) / 255)
 
 
 def joint_angle_trajectory(motion: Recording | Planned) -> PiecewisePolynomial:
@@ -163,13 +163,15 @@ def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
 
 def _shape_in_words(parameters: LimbParameters) -> str:
     """Return the links and sizes of a limb as text."""
-    return " and ".join(
-        f"{s.links} links, {1e3 * s.length:g} mm x {1e3 * s.thickness:g} mm x {1e3 * s.width:g} mm"
-        + ", two axes" * (s.axes == 2)
-        + ", twists" * s.twists
-        + ", centred" * s.centred_joints
-        for s in parameters.segments
-    )
+    texts = []
+    for segment in parameters.segments:
+        sizes_mm = 1e3 * np.array([segment.length, segment.thickness, segment.width])
+        text = "{} links, {:g} mm x {:g} mm x {:g} mm".format(segment.links, *sizes_mm)
+        text += ", two axes" * (segment.axes == 2)
+        text += ", twists" * segment.twists
+        text += ", centred" * segment.centred_joints
+        texts.append(text)
+    return " and ".join(texts)
 
 
 def view_of(described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = ()) -> "LimbView":
@@ -373,17 +375,18 @@ class LimbView:
 
         # Enclose all bodies and ends of links, however they bend, in a box.
         places = []
-        for k in np.unique(
-            np.linspace(0, joint_angles.shape[1] - 1, _NUM_CAMERA_POSES).astype(int)
-        ):
+        frames = np.linspace(0, joint_angles.shape[1] - 1, _NUM_CAMERA_POSES).astype(int)
+        for k in np.unique(frames):
             self._set_positions(joint_angles[:, k], None if body_pose is None else body_pose[:, k])
-            bodies = [(body, 0.0) for body in self._bodies]
-            bodies += [(body, length) for body, _, length in self._links]
-            for body, along in bodies:
+            for body in self._bodies:
                 pose = self._plant.EvalBodyPoseInWorld(self._context, body)
-                places.append(pose @ [along, 0.0, 0.0])
+                places.append(pose.translation())
+            for body, _, length in self._links:
+                pose = self._plant.EvalBodyPoseInWorld(self._context, body)
+                places.append(pose @ [length, 0.0, 0.0])
         margin = 0.1 * max(limb.length for limb in self._limbs().values())
-        low, high = np.min(places, axis=0) - margin, np.max(places, axis=0) + margin
+        low = np.min(places, axis=0) - margin
+        high = np.max(places, axis=0) + margin
         self._add_surroundings(meshcat, low, high)
 
         # Put the camera where it sees the longest side of the box from any direction.

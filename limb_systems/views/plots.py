@@ -1,7 +1,6 @@
 """Pictures of panels, by Matplotlib, and the style of all pictures."""
 
 import io
-import pickle
 import re
 import textwrap
 from collections.abc import Sequence
@@ -12,8 +11,6 @@ import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
 
 from limb_systems.files.output import check_picture, write_atomically
 from limb_systems.files.recording import Recording
@@ -29,8 +26,7 @@ from limb_systems.views.panels import (
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 PIXELS_PER_INCH = 125  # of a panel's height
 POINTS_PER_PIXEL = 0.8  # of a line's width
-PAPER_SUFFIXES = (".pdf", ".eps")
-COLUMN_WIDTH, COLUMN_FONT_SIZE = 3.5, 8.0  # inches and pt, of the IEEE's journals
+MOST_LEGEND_COLUMNS = 3
 
 
 class Figure(matplotlib.figure.Figure):
@@ -76,7 +72,7 @@ def draw(panels: Sequence[Panel], title: str = "") -> Figure:
     return figure
 
 
-def apply_axis_style(axis: Axes, most_columns: int = 3) -> None:
+def apply_axis_style(axis: Axes) -> None:
     """Apply the common style to a panel: a light grid, and the legend above it."""
     axis.grid(alpha=0.25)
     axis.spines[["top", "right"]].set_visible(False)
@@ -84,8 +80,8 @@ def apply_axis_style(axis: Axes, most_columns: int = 3) -> None:
     if not num_entries:
         return
     num_columns = num_entries
-    if num_entries > most_columns:
-        num_columns = min(most_columns, (num_entries + 1) // 2)
+    if num_entries > MOST_LEGEND_COLUMNS:
+        num_columns = min(MOST_LEGEND_COLUMNS, (num_entries + 1) // 2)
     axis.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -100,39 +96,18 @@ def apply_axis_style(axis: Axes, most_columns: int = 3) -> None:
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure to a file, in the format that its name ends with.
 
-    A figure whose name ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5
-    inches, with text of 8 pt, thin lines, and embedded fonts.
-
-    The file is written whole or not at all.
+    The file is written whole or not at all. Fonts are embedded in .pdf and .eps.
 
     Raises:
         OutputError: if there is no such format, or the file cannot be written.
     """
     path = Path(path)
     check_picture(path)
-    if path.suffix.lower() in PAPER_SUFFIXES:
-        figure = _in_a_column(figure)
     # Embed fonts as TrueType, which journals ask for.
     picture = io.BytesIO()
     with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
         figure.savefig(picture, format=path.suffix[1:].lower(), dpi=150)
     write_atomically(path, picture.getvalue())
-
-
-def _in_a_column(figure: Figure) -> Figure:
-    """Return a copy that fits a column of a paper."""
-    figure = pickle.loads(pickle.dumps(figure))
-    width, height = figure.get_size_inches()
-    # Make it narrow, with the legend in two columns, thin lines and small text.
-    figure.set_size_inches(COLUMN_WIDTH, 1.4 * height * COLUMN_WIDTH / width)
-    for axis in figure.axes:
-        if axis.get_legend():
-            apply_axis_style(axis, most_columns=2)
-    for line in figure.findobj(Line2D):
-        line.set_linewidth(0.75 * line.get_linewidth())
-    for text in figure.findobj(Text):
-        text.set_fontsize(COLUMN_FONT_SIZE)
-    return figure
 
 
 def draw_panel(axis: Axes, panel: Panel) -> None:

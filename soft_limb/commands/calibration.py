@@ -61,11 +61,11 @@ def _collect(options: argparse.Namespace) -> int:
     # Keep recordings that exist; an emulated limb would replace them.
     folders = {name: options.output / name for name in limbs}
     if not options.port and not options.force:
-        recorded = [folder for folder in folders.values() if any(folder.glob("*.csv"))]
-        if recorded:
-            raise OutputError(
-                f"{recorded[0]} holds recordings; give another folder, or --force to replace them."
-            )
+        for folder in folders.values():
+            if any(folder.glob("*.csv")):
+                raise OutputError(
+                    f"{folder} holds recordings; give another folder, or --force to replace them."
+                )
     # Check that all boards answer before the operator mounts a limb.
     if options.port:
         for name, limb in limbs.items():
@@ -155,9 +155,11 @@ def _limbs_to_record(
 
 def _next_step(folder: Path, limb_folders: Sequence[Path]) -> Summary:
     """Return the command that fits the limbs to a folder; empty if a limb has no heated wire."""
-    has_heat = [select_usable(read_folder(limb_folder)[0]).heated for limb_folder in limb_folders]
     name = "limb" if list(limb_folders) == [folder] else "robot_calibrated"
-    line = fit_command(folder, name) if all(has_heat) else ""
+    line = fit_command(folder, name)
+    for limb_folder in limb_folders:
+        if not select_usable(read_folder(limb_folder)[0]).heated:
+            line = ""
     return Summary.of({"next": line}, {})
 
 
@@ -177,12 +179,12 @@ def _fit(options: argparse.Namespace) -> int:
     # Find the folder of each limb; a single limb has an empty name.
     robot = _recorded_robot(options)
     if robot:
-        folders = {limb.name: options.recordings / limb.name for limb in robot.limbs}
-        folders = {name: folder for name, folder in folders.items() if folder.is_dir()}
+        all_folders = {limb.name: options.recordings / limb.name for limb in robot.limbs}
+        folders = {name: folder for name, folder in all_folders.items() if folder.is_dir()}
         if not folders:
-            names = ", ".join(str(options.recordings / limb.name) for limb in robot.limbs)
+            missing = ", ".join(map(str, all_folders.values()))
             raise LimbError(
-                f"No limb of this robot has a folder with recordings; {names} are missing: "
+                f"No limb of this robot has a folder with recordings; {missing} are missing: "
                 "record the limbs with soft-limb collect."
             )
     else:
@@ -190,11 +192,10 @@ def _fit(options: argparse.Namespace) -> int:
     recorded = {name: sorted(folder.glob("*.csv")) for name, folder in folders.items()}
     # Check the outputs before the fit, which takes minutes: each limb has its own report.
     report: Path | None = options.report
-    reports = {
-        name: report.with_stem(f"{report.stem}_{name}") if name else report
-        for name in folders
-        if report
-    }
+    reports: dict[str, Path] = {}
+    for name in folders:
+        if report:
+            reports[name] = report.with_stem(f"{report.stem}_{name}") if name else report
     outputs = [options.output, *reports.values()]
     recordings = itertools.chain(*recorded.values())
     inputs = [options.limb, *recordings]
@@ -249,7 +250,9 @@ def _fit(options: argparse.Namespace) -> int:
     robot.with_limbs(limbs).save(options.output)
     # Print the result of each limb, and the next commands.
     not_fitted = [limb.name for limb in robot.limbs if limb.name not in limbs]
-    entries = [Entry(name, each.to_json(), "", f"{each}\n") for name, each in summaries.items()]
+    entries = []
+    for name, each in summaries.items():
+        entries.append(Entry(name, each.to_json(), "", f"{each}\n"))
     entries.append(Entry("as_described", not_fitted, sentence=", ".join(not_fitted) or None))
     for words in robot.commands_after_fit(options.output):
         entries.append(Entry("next", sentence=shell_command(*words)))

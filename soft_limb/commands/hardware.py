@@ -13,7 +13,7 @@ from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.board import board_check
 from hardware.board.arm_check import check_supply, check_wires
-from hardware.board.link import SerialPort
+from hardware.board.link import SerialPort, check_port_exists
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.emulation.twin import EmulatedSystem
@@ -57,12 +57,16 @@ from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
 
 SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
 MAX_TEACHING_TIME = 3600.0  # s
+NO_SUPPLY = 0.0  # V, the answer for a board whose supply heats no wire
 
 
 def _serial_ports() -> Summary:
     """Return the serial ports of this computer."""
-    texts = {port.device: port.description for port in list_ports.comports()}
-    values = [{"port": name, "description": text} for name, text in texts.items()]
+    texts = {}
+    values = []
+    for port in list_ports.comports():
+        texts[port.device] = port.description
+        values.append({"port": port.device, "description": port.description})
     if not texts:
         texts = {"ports": "no serial ports; is the board plugged in?"}
     return Summary.of(texts, {"ports": values})
@@ -151,9 +155,15 @@ def _read_answer(question: str) -> str:
 
 
 def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | None]:
-    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers."""
+    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers.
+
+    Raises:
+        HardwareError: if there is no such port: nobody is asked in vain.
+    """
+    check_port_exists(options.port)
     voltage = options.supply
     cut_off = options.cut_off
+    # Ask at a terminal what the options do not say.
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
             answer = _read_answer(
@@ -165,7 +175,7 @@ def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | N
                 raise LimbError(
                     f"{answer!r} is not a voltage; measure it, and enter a number such as 7.0."
                 ) from None
-        if cut_off is None:
+        if cut_off is None and voltage != NO_SUPPLY:
             answer = _read_answer("Is a thermal cut-off in series with the wires, y or n? ")
             cut_off = answer.lower() in ("y", "yes")
     return voltage, cut_off
@@ -197,9 +207,17 @@ def _board_check(options: argparse.Namespace) -> int:
         if result.outcome == board_check.FAILED:
             _print_check(options, "", f"rule: {case.rule} {section}")
 
+    # Heat no wire before the supply and the thermal cut-off are confirmed.
+    parameters = LimbParameters.of(options.limb)
+    voltage, cut_off = _supply_answers(options)
+    refusals: list[str] = []
+    if voltage != NO_SUPPLY and not check_supply(
+        parameters, voltage, cut_off, lambda passed, sentence: passed or refusals.append(sentence)
+    ):
+        raise LimbError(f"The board is not checked: {'; '.join(refusals)}.")
     # Run all cases, and count the outcomes.
     with SerialPort(options.port) as cable:
-        host = board_check.Host(cable, LimbParameters.of(options.limb))
+        host = board_check.Host(cable, parameters)
         board_check.check_board(host, add_result)
     counts = dict.fromkeys(words, 0)
     for check in checks:
@@ -253,6 +271,7 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
             f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
             f"not {options.emulated}; calibrate limb {options.emulated}, or leave --emulated out."
         )
+    # Warn that a plan for a calibrated robot says nothing about an emulated limb.
     twin = LimbTwin.of(planned, options.emulated or 0)
     if twin.specimen.around_calibrated:
         warnings.warn(
@@ -284,6 +303,7 @@ def _follow(options: argparse.Namespace) -> int:
             smoothing_time=options.smooth,
             controller=options.controller,
             real_time=bool(options.port),
+            announce=lambda step: print(step, file=sys.stderr, flush=True),
             live=live,
         )
         print_summary(options, summary, outputs)
@@ -331,7 +351,7 @@ def _learn(options: argparse.Namespace) -> int:
             else:
                 twin = _twin(trajectory.parameters, options)
                 limbs = repetitions.make_rested_twins(twin, trajectory, learner)
-            repetitions.repeat(learner, limbs, count, folder, tell=print_repetition, live=live)
+            repetitions.repeat(learner, limbs, count, folder, announce=print_repetition, live=live)
     except LimbError:
         repetitions.report_repetitions(learner, folder)
         raise
@@ -391,6 +411,7 @@ def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
     twin: EmulatedSystem
     limbs = []
+    # Emulate a robot, with a board for each limb or for all, or a limb.
     if options.robot:
         if options.limb or options.physics != "lumped":
             raise LimbError(
@@ -406,6 +427,12 @@ def _emulate(options: argparse.Namespace) -> int:
     return 0
 
 
+CUT_OFF = Option(
+    "--cut-off",
+    action=argparse.BooleanOptionalAction,
+    help="confirm that a thermal cut-off is on the limb, in series with its wires; without a "
+    "cut-off no wire is heated",
+)
 COMMANDS = {
     "status": Command(
         _status,
@@ -435,12 +462,7 @@ COMMANDS = {
                 help="measured voltage of the wires' supply; it must match supply_voltage in the "
                 "limb's file, if that is set; without a voltage no wire is heated",
             ),
-            Option(
-                "--cut-off",
-                action=argparse.BooleanOptionalAction,
-                help="confirm that a thermal cut-off is on the limb, in series with its wires; "
-                "without a cut-off no wire is heated",
-            ),
+            CUT_OFF,
         ],
         examples=["soft-limb arm-check /dev/ttyACM0 -l limb.yaml --supply 7.0 --cut-off"],
     ),
@@ -449,9 +471,25 @@ COMMANDS = {
         "Test a board, also with your own firmware: that it answers, that its readings are "
         "plausible, that it refuses unsafe commands, and that it switches the wires off when this "
         "computer falls silent. This takes 15 s at a duty of 4%; the limb must be cold at the "
-        "start. The exit status is 0 if no test failed.",
+        "start. The exit status is 0 if no test failed.\n"
+        "\n"
+        "First the command asks for voltage and cut-off, as arm-check does. Enter 0 V for a supply "
+        "that heats no wire: it is off, or there are lamps in place of the wires.",
         "board limb json",
-        examples=["soft-limb board-check /dev/ttyACM0"],
+        [
+            Option(
+                "--supply",
+                type=float,
+                metavar="VOLTS",
+                help="measured voltage of the wires' supply, as for arm-check; 0 if no wire can "
+                "get hot",
+            ),
+            CUT_OFF,
+        ],
+        examples=[
+            "soft-limb board-check /dev/ttyACM0 --supply 0",
+            "soft-limb board-check /dev/ttyACM0 --supply 7.0 --cut-off",
+        ],
     ),
     "replay": Command(
         _replay,

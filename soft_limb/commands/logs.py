@@ -100,8 +100,9 @@ def _ask_questions(logs: Iterable[ImportedLog], parameters: LimbParameters | Non
         # Ask what no earlier log with these columns has answered.
         answers = given.setdefault((log.limb.name, *log.limb.columns), {})
         questions = {question.field: question.lines for question in log.limb.questions}
-        fields = [*questions, *(f for f in log.limb.mapping.open_fields if f not in questions)]
-        for field in [field for field in fields if field not in answers]:
+        for field in dict.fromkeys([*questions, *log.limb.mapping.open_fields]):
+            if field in answers:
+                continue
             print(f"{log.path}", *questions.get(field, ["? not known"]), sep="\n")
             print(f"{field} (Enter: leave it open): ", end="", flush=True)
             if answer := sys.stdin.readline().strip():
@@ -139,8 +140,10 @@ def _next_commands(
     folder: Path, recordings: Mapping[Path, Recording], heated_folders: Collection[Path]
 ) -> Iterator[str]:
     """Yield the next command for each limb: fit its recordings, or plan an unheated motion."""
-    for limb_folder in sorted({path.parent for path in recordings}):
-        paths = [path for path in recordings if path.parent == limb_folder]
+    paths_of: dict[Path, list[Path]] = {}
+    for path in recordings:
+        paths_of.setdefault(path.parent, []).append(path)
+    for limb_folder, paths in sorted(paths_of.items()):
         if limb_folder in heated_folders:
             yield fit_command(limb_folder, "limb" if limb_folder == folder else limb_folder.name)
         elif not any(recordings[path].duty.any() for path in paths):

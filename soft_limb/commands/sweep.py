@@ -33,7 +33,7 @@ def _sweep(options: argparse.Namespace) -> int:
     cases = make_cases(
         LimbParameters.of(options.limb),
         options.references,
-        vary=options.vary,
+        vary=dict(options.vary),
         controllers=options.controller or [OPEN_LOOP],
         seeds=options.seeds,
     )

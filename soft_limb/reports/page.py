@@ -141,6 +141,7 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
             model["id"] = numbers.setdefault(model["id"], f"p{len(numbers)}")
         return model
 
+    # Number the models, and let the page choose the element to draw in.
     item = json.loads(json.dumps(json_item(charts.chart(panels))), object_hook=renumber)
     item["root_id"] = numbers[item["root_id"]]
     item["target_id"] = None

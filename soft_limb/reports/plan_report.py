@@ -121,31 +121,33 @@ def write_learning_report(
         state: file of the learner.
         path: path of the page.
     """
-    # Draw the errors of all repetitions, and the first and the last recording.
-    numbers = sorted(recordings)
-    first = Recording.load(recordings[numbers[0]])
-    last = Recording.load(recordings[numbers[-1]])
-    distances = [repetition.reference_distance for repetition in learner.repetitions]
-    errors = [repetition.mean_error for repetition in learner.repetitions]
-    panels = repetition_panels(learner.trajectory, distances, errors, first, last)
-    # List them in a table.
+    # List the errors of all repetitions.
+    distances = []
+    errors = []
     rows = []
     for number, repetition in enumerate(learner.repetitions, 1):
+        distances.append(repetition.reference_distance)
+        errors.append(repetition.mean_error)
         distance = f"{np.rad2deg(repetition.reference_distance):.2f}"
         error = f"{np.rad2deg(repetition.mean_error):.2f}"
         remark = "; ".join(filter(None, [repetition.interrupted, repetition.remark]))
         rows.append([str(number), distance, error, remark])
-    # Write the page.
+    # Draw them, and the first and the last recording.
+    numbers = sorted(recordings)
+    first = Recording.load(recordings[numbers[0]])
+    last = Recording.load(recordings[numbers[-1]])
     learned = page.chart(
-        panels,
+        repetition_panels(learner.trajectory, distances, errors, first, last),
         "Mean distances of each repetition; bend angle in the first, in the last and in the plan",
     )
     tracked = page.chart(
         tracking_panels(learner.trajectory, [last]),
         "Bend angle, temperatures and duty of the plan and the last repetition",
     )
+    # Write the page, with links to all recordings.
     data = {"state of learning": state}
-    data |= {f"repetition {number}": recordings[number] for number in numbers}
+    for number in numbers:
+        data[f"repetition {number}"] = recordings[number]
     header = ["repetition", "mean |φ_REF − φ|, °", "mean |φ* − φ|, °", "remark"]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),

@@ -2,19 +2,17 @@
 
 import dataclasses
 import itertools
-import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from limb_systems.connected_limbs import ConnectedLimbs
 from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb_model import LimbModel
-from limb_systems.limb_parameters import CalibrationRecord, LimbParameters
+from limb_systems.limb_parameters import CalibrationRecord
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import SIGNALS, Curve, Panel
@@ -26,10 +24,9 @@ from soft_limb.results.summaries import distances_summary
 NO_VALUE = "-"  # in place of a value that a run does not have
 MAX_TEXT_LENGTH = 60  # characters of a value in a table
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
-_STYLES = tuple(  # of wires
-    (dash, width) for width in (1.5, 3.0) for dash in ("solid", "dashed", "dotted", "dashdot")
-)
+_STYLES = tuple(itertools.product((1.5, 3.0), ("solid", "dashed", "dotted", "dashdot")))  # of wires
 _RUN_KINDS = (RECORDING, TRAJECTORY)
+_CONTAINERS = ("limbs", "parameters", "segments", "wires")  # fields that are no part of a name
 _FIT_FIELDS = ("names", "values", "standard_errors", "covariance", "provenance")  # also in laws
 
 
@@ -120,12 +117,12 @@ class Comparison:
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
             "changes": [{**dataclasses.asdict(c), "relative": c.relative} for c in self.changes],
-            "differences": [dataclasses.asdict(item) for item in self.differences],
+            "differences": list(map(dataclasses.asdict, self.differences)),
             "distances": [
                 {"run": run, **distances_summary(distances).to_json()}
                 for run, distances in self.distances.items()
             ],
-            "tracking": [dataclasses.asdict(item) for item in self.tracking],
+            "tracking": list(map(dataclasses.asdict, self.tracking)),
         }
 
     @property
@@ -204,12 +201,12 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
             )
     # Compare origin and key figures. A value that one result alone has is not a change.
     changes = []
-    for change in _changed([_origin_values(result) for result in results]):
-        if len({str(value) for value in change.values if value is not None}) > 1:
+    for change in _changed(list(map(_origin_values, results))):
+        if len({*map(str, change.values)} - {"None"}) > 1:
             changes.append(change)
     # Compare the parameters of the limbs or robots.
     limbs = [r.value if r.kind == LIMB else r.value.robot or r.value.parameters for r in results]
-    changes += _changed([flattened(limb) for limb in limbs])
+    changes += _changed(list(map(flattened, limbs)))
     if first.kind == LIMB:
         return Comparison(results, changes, [], {}, [], [])
     # Compare the signals of plans and recordings.
@@ -224,40 +221,41 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     return Comparison(results, changes, differences, *_tracking(results), curves)
 
 
-def flattened(parameters: LimbParameters | ConnectedLimbs) -> dict[str, tuple[Any, str]]:
+def flattened(value: Any, unit: str = "", name: str = "") -> dict[str, tuple[Any, str]]:
     """Return all numbers and texts of a limb or robot with units, by names like "right.law.a1".
 
     Wires go by their names, and segments by their numbers if there are several. A calibration
     contributes its prediction errors; its fitted values are those in the laws.
+
+    Args:
+        value: the limb or robot, or a part of it.
+        unit, name: unit and name of the part.
     """
-    return {
-        re.sub(r"\b(limbs|parameters|segments|wires)\.", "", name): entry
-        for name, entry in _leaves(parameters, "").items()
-    }
-
-
-def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]:
-    """Return the numbers and texts in a value with their units, by their paths in it."""
     leaves: dict[str, tuple[Any, str]] = {}
     # Fields of a dataclass, without fitted values and without rare fields at their default.
     if dataclasses.is_dataclass(value):
-        if path.endswith((".law", ".bend_sensor", "board")):
-            leaves[path] = (type(value).__name__, "")
+        if name.rpartition(".")[2] in ("law", "bend_sensor", "board"):
+            leaves[name] = (type(value).__name__, "")
         for field in dataclasses.fields(value):
+            part = getattr(value, field.name)
             is_fit = isinstance(value, CalibrationRecord) and field.name in _FIT_FIELDS
-            rare = field.metadata.get("rare") and getattr(value, field.name) == field.default
+            rare = field.metadata.get("rare") and part == field.default
             if is_fit or rare:
                 continue
-            inner = f"{path}.{field.name}" if path else field.name
-            leaves |= _leaves(getattr(value, field.name), field.metadata.get("unit", unit), inner)
+            inner = "" if field.name in _CONTAINERS else field.name
+            leaves |= flattened(part, field.metadata.get("unit", unit), _joined(name, inner))
     # Items of a list, by name or number.
     elif isinstance(value, list):
         for number, item in enumerate(value, 1):
-            name = getattr(item, "name", "") or (str(number) if len(value) > 1 else "")
-            leaves |= _leaves(item, unit, f"{path}.{name}" if name else path)
+            inner = getattr(item, "name", "") or (str(number) if len(value) > 1 else "")
+            leaves |= flattened(item, unit, _joined(name, inner))
     elif value not in (None, ""):
-        leaves[path] = (value, unit)
+        leaves[name] = (value, unit)
     return leaves
+
+
+def _joined(*names: str) -> str:
+    return ".".join(filter(None, names))
 
 
 def _origin_values(result: ResultFile) -> dict[str, tuple[Any, str]]:
@@ -292,16 +290,16 @@ def _is_number(value: Any) -> bool:
 
 def _check_shapes(results: Sequence[ResultFile]) -> None:
     """Raise ComparisonError if limbs differ in segments, wires or bends, or a run is empty."""
-    shapes = []
+    first_shape = ""
     for result in results:
         layout = LimbModel.of(result.value.parameters).layout
-        shapes.append((len(layout.bends_of), layout.num_wires, layout.num_bends))
-    texts = ["{} segments, {} wires and {} bends".format(*shape) for shape in shapes]
-    for result, text in zip(results, texts, strict=True):
-        if text != texts[0]:
+        num_segments = len(layout.bends_of)
+        shape = f"{num_segments} segments, {layout.num_wires} wires and {layout.num_bends} bends"
+        first_shape = first_shape or shape
+        if shape != first_shape:
             raise ComparisonError(
-                f"The limb of {results[0].path} has {texts[0]}, but the limb of {result.path} has "
-                f"{text}; compare runs of limbs with the same segments and wires."
+                f"The limb of {results[0].path} has {first_shape}, but the limb of {result.path} "
+                f"has {shape}; compare runs of limbs with the same segments and wires."
             )
         if len(result.value.time) < 2:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
@@ -322,9 +320,9 @@ def _curves(runs: Sequence[Recording | Trajectory]) -> list[Curves]:
             )
         # Round, so that rounding errors do not look like differences in a chart.
         first = _interpolated_signals(runs[0], time[common])
-        differences = {
-            name: np.round(values[:, common] - first[name], 9) for name, values in signals.items()
-        }
+        differences = {}
+        for name, values in signals.items():
+            differences[name] = np.round(values[:, common] - first[name], 9)
         curves.append(Curves(time, signals, time[common], differences))
     return curves
 
@@ -411,10 +409,9 @@ def comparison_page(comparison: Comparison) -> str:
     parts: list[page.Part] = [page.section("Runs", page.table(["", "kind", "made by", "at"], runs))]
     # Add the differences of their signals.
     if comparison.curves:
-        tables = [
-            page.table(header, rows, f"{title[0].upper()}{title[1:]}.")
-            for title, (header, *rows) in comparison.tables().items()
-        ]
+        tables = []
+        for title, (header, *rows) in comparison.tables().items():
+            tables.append(page.table(header, rows, f"{title[0].upper()}{title[1:]}."))
         text = f"Below each signal is its difference Δ from {names[0]}."
         chart = page.chart(_panels(comparison), f"All runs, and their differences from {names[0]}")
         parts.append(page.section("Distances and differences", *tables))
@@ -451,13 +448,14 @@ def _panels(comparison: Comparison) -> list[Panel]:
         differences = []
         for number, curves in enumerate(comparison.curves):
             color = _COLORS[number % len(_COLORS)]
-            for row, style in zip(rows, itertools.cycle(_STYLES), strict=False):
-                wire = "" if is_bend else parameters.wire_names[row]
-                name = ", ".join(filter(None, [names[number], wire]))
-                values.append(Curve(name, curves.time, curves.signals[signal][row], color, *style))
+            for row, (width, dash) in zip(rows, itertools.cycle(_STYLES), strict=False):
+                wire = "" if is_bend else f", {parameters.wire_names[row]}"
+                name = names[number] + wire
+                value = curves.signals[signal][row]
+                values.append(Curve(name, curves.time, value, color, dash, width))
                 if number:
                     difference = curves.differences[signal][row]
-                    differences.append(Curve(name, curves.common, difference, color, *style))
+                    differences.append(Curve(name, curves.common, difference, color, dash, width))
         kind = SIGNALS[signal]
         panels.append(kind.panel(values, suffix, y_range=None))
         unit = f" ({kind.unit})" * bool(kind.unit)

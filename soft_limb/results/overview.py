@@ -18,12 +18,11 @@ from limb_systems.errors import LimbError
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Samples
+from limb_systems.progress import Progress
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from soft_limb.reports import page
 from soft_limb.results.folder import find_results, guess_file_kind
 from soft_limb.results.read_result import (
-    GAIT,
-    LEARNING,
     LIMB,
     RECORDING,
     REPORT,
@@ -36,14 +35,6 @@ from soft_limb.results.read_result import (
 PICTURE_POINTS = 150  # of a curve in a small picture
 WIDTH = 240.0  # of a panel of a small picture
 HEIGHT = 56.0
-# Kinds of files that a file of a kind is made from.
-_MADE_FROM = {
-    RECORDING: (TRAJECTORY, LIMB, ROBOT, GAIT),
-    TRAJECTORY: (RECORDING, LIMB, TRAJECTORY, ROBOT, GAIT),
-    GAIT: (ROBOT,),
-    LEARNING: (TRAJECTORY,),
-    LIMB: (RECORDING, LIMB),
-}
 _OUTPUT_OPTIONS = ("-o", "--output", "--plot", "--report", "--diagnostics")
 # Facts that the page leaves out; soft-limb show prints them.
 _DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings", "made by"}
@@ -56,18 +47,20 @@ def overview_page(folder: Path, output: Path) -> str:
     cannot be listed.
     """
     # Find which file was made from which.
-    files, troubles = _read_files(folder, output.resolve())
+    entries, troubles = _read_files(folder, output.resolve())
+    files = [entry for entry in entries if entry.kind != REPORT]
     origins = find_origins(files)
     results = defaultdict(list)
     for file in files:
         for origin in origins[file]:
             results[origin].append(file)
     # Find the reports of each result: they have the same provenance.
-    reports = [file for file in files if file.kind == REPORT]
     pages = defaultdict(list)
     unlinked = []
-    for report in reports:
-        made = [f for f in files if f.kind in _MADE_FROM and f.provenance == report.provenance]
+    for report in entries:
+        if report.kind != REPORT:
+            continue
+        made = [file for file in files if file.provenance == report.provenance]
         for file in made:
             pages[file].append(report)
         if not made:
@@ -80,7 +73,7 @@ def overview_page(folder: Path, output: Path) -> str:
     return page.template("overview.html").render(
         folder=folder.resolve().name or str(folder.resolve()),
         provenance=dataclasses.asdict(Provenance.now()),
-        files=[file for file in files if file.kind != REPORT],
+        files=files,
         others=unlinked,
         troubles=troubles,
         origins=origins,
@@ -103,20 +96,22 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
     # Read all files; an unreadable file gives a sentence on the page.
     files = []
     troubles = []
-    for path in find_results(folder):
-        if path.resolve() == output:
-            continue
-        if path.suffix == ".txt" and not guess_file_kind(path):
-            continue  # a text that soft-limb did not write
-        try:
-            file = read_result(path, quick=True)
-        except LimbError as error:
-            troubles.append(str(error))
-            continue
-        if file.kind == REPORT and not file.provenance:
-            troubles.append(f"{path} is a page that does not say what made it.")
-        else:
-            files.append(file)
+    paths = find_results(folder)
+    with Progress("reading", len(paths), "files") as progress:
+        for number, path in enumerate(paths):
+            progress.update(number)
+            # Skip the page itself, and texts that soft-limb did not write.
+            if path.resolve() == output or (path.suffix == ".txt" and not guess_file_kind(path)):
+                continue
+            try:
+                file = read_result(path, quick=True)
+            except LimbError as error:
+                troubles.append(str(error))
+                continue
+            if file.kind == REPORT and not file.provenance:
+                troubles.append(f"{path} is a page that does not say what made it.")
+            else:
+                files.append(file)
     return sorted(files, key=lambda file: (-_time_of(file), str(file.path))), troubles
 
 
@@ -140,7 +135,6 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
     These are older files that its command names, the plan of a recording that the same command
     made in the same folder, and the limb whose digest its parameters have.
     """
-    times = {file: _time_of(file) for file in files}
     limbs = {file.value.digest: file for file in files if file.kind in (LIMB, ROBOT)}
     origins = {}
     for file in files:
@@ -148,11 +142,10 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
         names = _input_names(file.provenance)
         inputs = []
         for origin in files:
-            is_older = origin is not file and times[origin] <= times[file]
-            if is_older and origin.kind in _MADE_FROM.get(file.kind, ()):
-                is_named = bool({origin.path.name, origin.path.parent.name} & names)
-                if is_named or _is_plan_of(origin, file):
-                    inputs.append(origin)
+            is_named = origin.path.name in names or origin.path.parent.name in names
+            is_older = origin is not file and _time_of(origin) <= _time_of(file)
+            if is_older and (is_named or _is_plan_of(origin, file)):
+                inputs.append(origin)
         # Take the limb or robot that the file is about.
         described = getattr(file.value, "robot", None) or getattr(file.value, "parameters", None)
         if described and described.digest in limbs:
@@ -175,9 +168,8 @@ def _is_plan_of(plan: ResultFile, file: ResultFile) -> bool:
     """Return True if one command wrote a plan and, to the same folder, its recording."""
     if (plan.kind, file.kind) != (TRAJECTORY, RECORDING) or plan.path.parent != file.path.parent:
         return False
-    if plan.provenance is None or file.provenance is None:
-        return False
-    return plan.provenance.command == file.provenance.command
+    commands = [made.provenance and made.provenance.command for made in (plan, file)]
+    return commands[0] is not None and commands[0] == commands[1]
 
 
 def small_picture(run: object) -> Markup:
@@ -190,6 +182,7 @@ def small_picture(run: object) -> Markup:
         return Markup()
     evenly = np.linspace(0, len(usable) - 1, PICTURE_POINTS).astype(int)
     drawn = usable[np.unique(evenly)]
+    times = run.time[drawn] - run.time[drawn[0]]
     # Choose the lines: the bends, their reference and the wires.
     bends = np.rad2deg(run.bend_angle)
     reference = getattr(run, "reference", None)
@@ -198,16 +191,18 @@ def small_picture(run: object) -> Markup:
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
     bend_colors = [color] * len(bends) + [REFERENCE_COLOR] * len(references)
     # Scale them to the panels.
-    times = run.time[drawn] - run.time[drawn[0]]
     panels = []
     for name, unit, signal, rows, colors in (
         ("bend angle", "°", bends, np.vstack([bends, references]), bend_colors),
         ("temperature", " °C", wires, wires, wire_colors(len(wires))),
     ):
         values = rows[:, drawn]
-        x = np.broadcast_to(WIDTH * times / times[-1], values.shape)
+        x = WIDTH * times / times[-1]
         y = HEIGHT * (values.max() - values) / max(np.ptp(values), 1e-9)
-        texts = [" ".join(f"{a:.1f},{b:.1f}" for a, b in line) for line in np.dstack([x, y])]
+        lines = []
+        for line, line_color in zip(y, colors, strict=True):
+            points = np.char.mod("%.1f", np.column_stack([x, line]))
+            lines.append((" ".join(map(",".join, points)), line_color))
         ends = f"{signal[:, usable].min():.0f} to {signal[:, usable].max():.0f}{unit}"
-        panels.append((name, ends, f"{times[-1]:.0f} s", zip(texts, colors, strict=True)))
+        panels.append((name, ends, f"{times[-1]:.0f} s", lines))
     return page.part("small_picture", panels, WIDTH, HEIGHT)

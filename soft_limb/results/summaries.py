@@ -69,25 +69,28 @@ def _degrees(distance: float | None) -> float | None:
 
 def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     """Return each repetition's distance from reference and plan; see `plan_summary`."""
-    # List the numbers of each repetition.
-    values = [
-        {
-            "reference_distance_deg": float(np.rad2deg(repetition.reference_distance)),
-            "mean_deg": float(np.rad2deg(repetition.mean_error)),
-            "interrupted": repetition.interrupted,
-            "remark": repetition.remark,
-        }
-        for repetition in learner.repetitions
-    ]
-    # Put them into words.
-    measured = ", ".join(f"{value['reference_distance_deg']:.2f}°" for value in values)
-    text = "none"
-    if values:
-        errors = [f"{value['mean_deg']:.2f}°" for value in values]
-        text = f"mean |φ* - φ| {', '.join(errors)}"
-        num_undone = sum(repetition.failed for repetition in learner.repetitions)
-        if num_undone:
-            text += f"; undone: {num_undone}"
+    # List the numbers of each repetition, and put them into words.
+    values = []
+    distances_deg = []
+    errors_deg = []
+    num_undone = 0
+    for repetition in learner.repetitions:
+        distance_deg = float(np.rad2deg(repetition.reference_distance))
+        error_deg = float(np.rad2deg(repetition.mean_error))
+        values.append(
+            {
+                "reference_distance_deg": distance_deg,
+                "mean_deg": error_deg,
+                "interrupted": repetition.interrupted,
+                "remark": repetition.remark,
+            }
+        )
+        distances_deg.append(f"{distance_deg:.2f}°")
+        errors_deg.append(f"{error_deg:.2f}°")
+        num_undone += repetition.failed
+    text = f"mean |φ* - φ| {', '.join(errors_deg)}" if values else "none"
+    if num_undone:
+        text += f"; undone: {num_undone}"
     # Compare with the best plan.
     from planners import nearest_bend_angle  # takes long to import
 
@@ -95,7 +98,7 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
-            *_distance_entries(measured, distances),
+            *_distance_entries(", ".join(distances_deg), distances),
             Entry("repetitions", values, sentence=None),
             Entry("errors", sentence=text),
             Entry("finished", learner.finished),
@@ -107,10 +110,12 @@ def calibration_summary(calibration: "Calibration") -> Summary:
     """Return the verdict on a calibration, the next steps, and the calibrated parameters."""
     estimates = calibration.estimates
     stiffness = calibration.stiffness
-    values = {
-        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-        for name, e in estimates.items()
-    }
+    values = {}
+    lines = []
+    for name, estimate in estimates.items():
+        numbers = {"value": estimate.value, "standard_error": estimate.standard_error}
+        values[name] = numbers | {"unit": estimate.unit}
+        lines.append(Entry(name, sentence=str(estimate)))
     remarks = [remark.sentence for remark in calibration.remarks]
     # Begin with the verdict and the next steps, then the estimates.
     entries = [
@@ -118,7 +123,7 @@ def calibration_summary(calibration: "Calibration") -> Summary:
         Entry("remarks", remarks, sentence="\n".join(ranked_remarks(calibration)) or None),
         Entry("next", calibration.next_recording, sentence=calibration.next_recording or None),
         Entry("estimates", values, sentence=None),
-        *(Entry(name, sentence=str(estimate)) for name, estimate in estimates.items()),
+        *lines,
         _law_entry(calibration.prediction),
     ]
     # Add what was not calibrated, and the factor of (9).
@@ -129,9 +134,9 @@ def calibration_summary(calibration: "Calibration") -> Summary:
     entries.append(Entry("correction_factor", factor, sentence=text))
     # Add the errors to expect.
     if miss := calibration.plan_miss:
-        range_deg = np.rad2deg([miss.low, miss.expected, miss.high]).tolist()
-        values = dict(zip(("low_deg", "expected_deg", "high_deg"), range_deg, strict=True))
-        entries.append(Entry("plan_miss", values, sentence=None))
+        low_deg, expected_deg, high_deg = np.rad2deg([miss.low, miss.expected, miss.high]).tolist()
+        numbers = {"low_deg": low_deg, "expected_deg": expected_deg, "high_deg": high_deg}
+        entries.append(Entry("plan_miss", numbers, sentence=None))
     if calibration.validation:
         summary = validation_summary(calibration.validation)
         validated = Entry("validation", summary.to_json(), sentence=summary.line())

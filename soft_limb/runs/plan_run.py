@@ -86,6 +86,7 @@ def plan_and_follow(
     smoothing_time: float = 0.5,
     controller: str = DEFAULT_FEEDBACK,
     real_time: bool = False,
+    announce: Callable[[str], object] = lambda step: None,
     live: LiveView | None = None,
 ) -> tuple[Rollout, Summary]:
     """Plan for feedback from the present state of a limb, and drive it along the plan.
@@ -98,12 +99,18 @@ def plan_and_follow(
         make_limb: function that returns the limb for the parameters of the plan; it is called
             before planning as well, to read the limb.
         task, knot_rate: as for `planners.plan`; the default task is `Task.closed_loop`.
+        announce: function that is called with each step in words.
         controller, real_time, live: as for `roll_out`, whose errors are raised.
     """
     plan_file, recording_file, report = (Path(folder) / name for name in FOLLOW_FILES)
-    say = live.say if live else lambda _: None
+
+    def begin_step(step: str) -> None:
+        announce(step)
+        if live:
+            live.say(step)
+
     # Read the temperatures at which the plan will start.
-    say(f"Planning {reference}")
+    begin_step(f"Planning {reference}")
     parameters = LimbParameters.of(limb)
     resting_limb = check_limb(make_limb(copy.deepcopy(parameters)))
     with closing(resting_limb):
@@ -119,7 +126,7 @@ def plan_and_follow(
     )
     trajectory.save(plan_file)
     # Drive the limb along the plan.
-    say(f"Following {reference}, controller {controller}")
+    begin_step(f"Following {reference} for {trajectory.duration:g} s, controller {controller}")
     rollout = roll_out(
         trajectory,
         lambda: make_limb(trajectory.parameters),

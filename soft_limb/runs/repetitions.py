@@ -37,7 +37,7 @@ def repeat(
     repetitions: int,
     folder: str | Path,
     *,
-    tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
+    announce: Callable[[int, Repetition], object] = lambda number, repetition: None,
     live: LiveView | None = None,
 ) -> None:
     """Repeat a plan a number of times, or until further repetitions would bring no improvement.
@@ -51,7 +51,7 @@ def repeat(
         learner: learner of the plan, which may have earlier repetitions.
         limb_of_repetition: function that returns a limb that is ready for the next repetition.
         repetitions: number of repetitions in total, including earlier ones.
-        tell: function that is called with each repetition and its number, from 1 on.
+        announce: function that is called with each repetition and its number, from 1 on.
         live: as for `replay`, whose errors are raised.
     """
     folder = Path(folder)
@@ -82,7 +82,7 @@ def repeat(
         repetition = learner.update(recording)
         learner.save(folder / STATE_FILE)
         learner.learned_trajectory().save(folder / LEARNED_FILE)
-        tell(number, repetition)
+        announce(number, repetition)
         if failure:
             raise failure
 
@@ -122,11 +122,11 @@ def make_rested_robots(
     live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
     """Return a function that waits for cool wires and returns the robot on a port."""
-    tell = live.say if live else lambda _: None
+    announce = live.say if live else lambda _: None
 
     def rested_robot() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_for_cool_wires(lambda: present_temperature(link), trajectory, tell=tell)
+            wait_for_cool_wires(lambda: present_temperature(link), trajectory, announce)
         return SerialLimb(port, trajectory.parameters)
 
     return rested_robot
@@ -135,25 +135,21 @@ def make_rested_robots(
 def wait_for_cool_wires(
     read: Callable[[], np.ndarray],
     trajectory: Trajectory,
-    *,
-    longest: float = MAX_REST_TIME,
-    period: float = READ_PERIOD,
-    tell: Callable[[str], object] = lambda text: None,
+    announce: Callable[[str], object] = lambda text: None,
 ) -> None:
     """Wait until no wire is read more than `COOL_TOLERANCE` above the start of a plan.
 
     Args:
         read: function that returns V of the wires (W,), °C.
-        longest, period: longest time to wait, and time between two readings, s.
-        tell: function that is called with a text on the warmest wire at each reading.
+        announce: function that is called with a text on the warmest wire at each reading.
 
     Raises:
-        ReplayError: if a wire is too warm after the longest time.
+        ReplayError: if a wire is too warm after `MAX_REST_TIME`.
     """
     start = trajectory.measured_temperature[:, 0]
     names = trajectory.parameters.wire_names
     begin = time.monotonic()
-    with Progress("resting until the wires are cool", longest, "s") as progress:
+    with Progress("resting until the wires are cool", MAX_REST_TIME, "s") as progress:
         while True:
             # Find the wire that is farthest above its start.
             excess = read() - start
@@ -163,7 +159,7 @@ def wait_for_cool_wires(
             # Give up, or wait.
             waited = time.monotonic() - begin
             reading = start[warmest] + excess[warmest]
-            if waited > longest:
+            if waited > MAX_REST_TIME:
                 raise ReplayError(
                     f"After {waited:.0f} s of rest the {names[warmest]} wire is still at "
                     f"{reading:.1f} °C, but the trajectory starts at {start[warmest]:.1f} °C; cool "
@@ -171,8 +167,8 @@ def wait_for_cool_wires(
                 )
             remark = f"{names[warmest]} {reading:.1f} °C"
             progress.update(waited, remark)
-            tell(f"Resting until the wires are cool: {remark}")
-            time.sleep(period)
+            announce(f"Resting until the wires are cool: {remark}")
+            time.sleep(READ_PERIOD)
 
 
 def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
@@ -209,11 +205,11 @@ def load_or_create_learner(folder: Path, trajectory: Trajectory, *, force: bool 
 
 def report_repetitions(learner: Learner, folder: Path) -> list[Path]:
     """Write the report of all repetitions, if there are recordings; return its path."""
-    complete = {
-        number: path
-        for number in range(1, len(learner.repetitions) + 1)
-        if (path := recording_path(folder, number)).exists()
-    }
+    complete = {}
+    for number in range(1, len(learner.repetitions) + 1):
+        path = recording_path(folder, number)
+        if path.exists():
+            complete[number] = path
     if not complete:
         return []
     write_learning_report(learner, complete, folder / STATE_FILE, folder / REPORT_FILE)

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,35 +43,21 @@ RESULT_COLUMNS = (
 class Case:
     """One run of a sweep.
 
-    - ``motion``: name of a reference, or the path of its file.
+    - ``group``: cells of its row in the table, by column, that are equal for all seeds.
     - ``limb``: parameters that the plan is made for.
-    - ``fields``: varied fields of the limb, with their values.
-    - ``controller``: key in `CONTROLLERS`.
     - ``seed``: emulated limb to drive; None for the limb that ``limb`` was calibrated on.
     """
 
-    motion: str
+    group: dict[str, str]
     limb: LimbParameters
-    fields: tuple[tuple[str, float], ...]
-    controller: str
     seed: int | None
-
-    @property
-    def name(self) -> dict[str, str]:
-        """The cells that identify the row of this case in the table."""
-        return {
-            **{field: f"{value:.12g}" for field, value in self.fields},
-            "motion": self.motion,
-            "controller": self.controller,
-            "seed": "" if self.seed is None else str(self.seed),
-        }
 
 
 def make_cases(
     limb: LimbParameters,
     motions: Sequence[str],
     *,
-    vary: Sequence[tuple[str, Sequence[float]]] = (),
+    vary: Mapping[str, Sequence[float]],
     controllers: Sequence[str] = (OPEN_LOOP,),
     seeds: Sequence[int] | None = None,
 ) -> list[Case]:
@@ -79,8 +65,9 @@ def make_cases(
 
     Args:
         limb: a description, around which the seeds draw emulated limbs, or a calibrated limb.
-        motions, controllers: see `Case`.
-        vary: fields of the limb, such as ``segments.0.stiffness``, and their values.
+        motions: names of references, or paths of their files.
+        vary: values of fields of the limb, such as ``segments.0.stiffness``.
+        controllers: keys in `CONTROLLERS`.
         seeds: seeds of emulated limbs; if None the limb that ``limb`` was calibrated on, or 0.
 
     Raises:
@@ -97,19 +84,20 @@ def make_cases(
     default: list[int | None] = [None] if calibrated else [0]
     # Combine them with limbs, motions and controllers.
     cases = []
-    names = [name for name, _ in vary]
-    for values in itertools.product(*(values for _, values in vary)):
-        fields = tuple(zip(names, values, strict=True))
+    for values in itertools.product(*vary.values()):
+        fields = dict(zip(vary, values, strict=True))
         varied = _with_fields(limb, fields)
+        texts = {field: f"{value:.12g}" for field, value in fields.items()}
         for motion, controller, seed in itertools.product(motions, controllers, seeds or default):
-            cases.append(Case(motion, varied, fields, controller, seed))
+            group = texts | {"motion": motion, "controller": controller}
+            cases.append(Case(group, varied, seed))
     return cases
 
 
-def _with_fields(described: LimbParameters, fields: Sequence[tuple[str, float]]) -> LimbParameters:
+def _with_fields(described: LimbParameters, fields: Mapping[str, float]) -> LimbParameters:
     """Return a limb with new values in some fields, such as ``segments.0.stiffness``."""
     limb: Any = copy.deepcopy(described)
-    for path, value in fields:
+    for path, value in fields.items():
         *parents, last = path.split(".")
         try:
             owner = functools.reduce(_get_part, parents, limb)
@@ -138,11 +126,10 @@ Planned = tuple[Trajectory | str, float]  # the plan or the error, and the time 
 def _make_plan(case: Case) -> Planned:
     """Plan the motion of a case, for feedback if a controller drives the limb."""
     start = time.perf_counter()
-    task = None if case.controller == OPEN_LOOP else Task.closed_loop()
+    task = None if case.group["controller"] == OPEN_LOOP else Task.closed_loop()
+    reference = load_reference(case.group["motion"], SMOOTHING_TIME)
     try:
-        made: Trajectory | str = plan(
-            case.limb, load_reference(case.motion, SMOOTHING_TIME), task=task
-        )
+        made: Trajectory | str = plan(case.limb, reference, task=task)
     except LimbError as error:
         made = " ".join(str(error).split())
     return made, time.perf_counter() - start
@@ -151,13 +138,14 @@ def _make_plan(case: Case) -> Planned:
 def _run_case(job: tuple[Case, Planned]) -> dict[str, str]:
     """Drive the emulated limb of a case along the plan, and return the row."""
     case, (trajectory, planning_time) = job
-    row = dict.fromkeys(RESULT_COLUMNS, "") | {"planning_s": f"{planning_time:.3g}"}
+    row = case.group | {"seed": "" if case.seed is None else str(case.seed)}
+    row |= dict.fromkeys(RESULT_COLUMNS, "") | {"planning_s": f"{planning_time:.3g}"}
     if isinstance(trajectory, str):
-        return case.name | row | {"trouble": trajectory}
+        return row | {"trouble": trajectory}
     try:
         # Drive the emulated limb.
         twin = LimbTwin.of(case.limb, case.seed or 0)
-        controller = make_controller(case.controller, trajectory)
+        controller = make_controller(case.group["controller"], trajectory)
         recording = replay(trajectory, twin.after_rest(truth=True), controller=controller)
         # Compare the true bend with reference and plan.
         truth = true_bend(recording)
@@ -173,13 +161,13 @@ def _run_case(job: tuple[Case, Planned]) -> dict[str, str]:
         row["trouble"] = recording.interrupted or ""
     except LimbError as error:
         row["trouble"] = " ".join(str(error).split())
-    return case.name | row
+    return row
 
 
 def sweep(
     cases: Sequence[Case],
     file: Path,
-    tell: Callable[[int], object] = lambda done: None,
+    announce: Callable[[int], object] = lambda done: None,
     *,
     num_processes: int = 1,
     cluster: str | None = None,
@@ -189,7 +177,7 @@ def sweep(
     Args:
         cases: cases that vary the same fields.
         file: table to write (.csv).
-        tell: function that is called with the number of complete cases.
+        announce: function that is called with the number of complete cases.
         num_processes, cluster: as for `run_each`.
 
     Returns:
@@ -197,37 +185,43 @@ def sweep(
     """
     each = functools.partial(run_each, num_processes=num_processes, cluster=cluster, in_order=True)
     # Make each plan once; it does not depend on the seed.
-    keys = [tuple((case.name | {"seed": ""}).values()) for case in cases]
-    case_of_plan = dict(zip(keys, cases, strict=True))
-    plans = dict(zip(case_of_plan, each(_make_plan, case_of_plan.values()), strict=True))
+    planned = {tuple(case.group.values()): case for case in cases}
+    plans = dict(zip(planned, each(_make_plan, planned.values()), strict=True))
     # Drive all limbs.
     rows = []
-    jobs = [(case, plans[key]) for case, key in zip(cases, keys, strict=True)]
+    jobs = [(case, plans[tuple(case.group.values())]) for case in cases]
+    columns = [*cases[0].group, "seed", *RESULT_COLUMNS]
     with raising_output_error(file), file.open("w", newline="", encoding="utf-8") as table:
-        writer = csv.DictWriter(table, [*cases[0].name, *RESULT_COLUMNS], lineterminator="\n")
+        writer = csv.DictWriter(table, columns, lineterminator="\n")
         writer.writeheader()
         for row in each(_run_case, jobs):
             rows.append(row)
             writer.writerow(row)
             table.flush()
-            tell(len(rows))
+            announce(len(rows))
     return rows
 
 
 def mean_table(rows: Sequence[dict[str, str]]) -> Iterator[list[str]]:
     """Yield a header, and a row for each combination: mean angles, highest V and T over limbs."""
-    groupers = [name for name in rows[0] if name not in ("seed", *RESULT_COLUMNS)]
-    yield [*groupers, "runs", "from reference", "plan from it", "from plan", "V", "T", "troubles"]
+    columns = list(rows[0])
+    num_groupers = columns.index("seed")
+    header = [*columns[:num_groupers], "runs", "from reference", "plan from it", "from plan"]
+    yield [*header, "V", "T", "troubles"]
     # Group the rows by all but the limb.
     groups = collections.defaultdict(list)
     for row in rows:
-        groups[tuple(row[name] for name in groupers)].append(row)
-    # Average the runs that were driven; others have an error.
+        groups[tuple(row.values())[:num_groupers]].append(row)
     for group, runs in groups.items():
-        driven = [row for row in runs if row["reference_deg"]]
-        numbers = np.array([[float(row[name]) for name in RESULT_COLUMNS[:5]] for row in driven])
+        # Average the runs that were driven; others have an error.
+        numbers = []
+        num_troubles = 0
+        for row in runs:
+            num_troubles += bool(row["trouble"])
+            if row["reference_deg"]:
+                numbers.append([float(row[name]) for name in RESULT_COLUMNS[:5]])
         cells = [""] * 5
-        if driven:
-            cells = [f"{mean:.2f}°" for mean in numbers[:, :3].mean(axis=0)]
-            cells += [f"{highest:.0f} °C" for highest in numbers[:, 3:].max(axis=0)]
-        yield [*group, str(len(runs)), *cells, str(sum(bool(row["trouble"]) for row in runs))]
+        if numbers:
+            cells = [f"{mean:.2f}°" for mean in np.mean(numbers, axis=0)[:3]]
+            cells += [f"{highest:.0f} °C" for highest in np.max(numbers, axis=0)[3:]]
+        yield [*group, str(len(runs)), *cells, str(num_troubles)]

@@ -18,8 +18,16 @@ from calibration.collecting.measurement_protocol import CONTACT_MARGIN, WARM_UP_
 from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
 from hardware.firmware import guard, heat
-from limb_systems import Limb, LimbParameters, TwoMassLaw, simulate
+from limb_systems import Limb, LimbParameters, LinearLaw, SegmentParameters, TwoMassLaw, simulate
 from limb_systems.heat_bounds import HeatBounds
+
+
+def one_link(**rates) -> LimbParameters:
+    """Return a limb with other rates of both wires, which is simulated fast."""
+    limb = LimbParameters(segments=[SegmentParameters(links=1)])
+    for wire in limb.wires:
+        wire.law = LinearLaw(**rates)
+    return limb
 
 
 def test_host_and_board_have_the_same_ranges_and_nominal_bounds():
@@ -33,7 +41,7 @@ def test_host_and_board_have_the_same_ranges_and_nominal_bounds():
 
 def test_bounds_of_a_limb_contain_its_other_motions():
     """Of the nominal limb, in closed form: T - T0 = a2 D / a1 (1 - exp(-a1 t)), (6)."""
-    limb = LimbParameters()
+    limb = one_link()
     described = HeatBounds.around(limb.wires[0].law)
     recording = simulate(Limb(limb), [0.0, 0.3], 30.0)
     left, fitted = fit_heat_bounds([recording], limb)
@@ -54,7 +62,7 @@ def test_bounds_of_a_limb_contain_its_other_motions():
 
 def test_bounds_around_a_law_contain_wires_in_warm_silicone():
     """From cold to a lasting heat, and while it cools."""
-    limb = LimbParameters()
+    limb = one_link()
     limb.wires[1].law = TwoMassLaw()
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, 90.0, 180.0], [[0.0, 0.0, 0.0], [0.2, 0, 0]])
     recording = simulate(Limb(limb), duty, 180.0)
@@ -67,14 +75,13 @@ def test_bounds_around_a_law_contain_wires_in_warm_silicone():
 
 
 def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds():
-    seed = 7
-    warm_up = collect_warm_up(LimbTwin(seed=seed))
+    parameters = one_link()
+    warm_up = collect_warm_up(LimbTwin(parameters, seed=7))
     assert warm_up.measured_temperature.max() < 100.0
-    parameters = LimbParameters()
     fitted = fit_heat_bounds([warm_up], parameters, WARM_UP_MARGIN)
     for wire, bounds in zip(parameters.wires, fitted, strict=True):
         wire.heat_bounds = bounds
-    board = SimulatedBoard(LimbTwin(seed=seed), parameters, step=25)
+    board = SimulatedBoard(LimbTwin(parameters, seed=7), parameters, step=25)
     board.run(1.0)
     assert board.arm()
     hottest = 0.0
@@ -89,15 +96,6 @@ def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds():
     assert hottest > 80.0
 
 
-def described_by(**rates):
-    """The nominal limb with other rates of both wires."""
-    limb = LimbParameters()
-    for wire in limb.wires:
-        for name, value in rates.items():
-            setattr(wire.law, name, value)
-    return limb
-
-
 def showing(recording, share):
     """The recording, had the left thermocouple shown a share of its rise."""
     rise = recording.measured_temperature - 25.0
@@ -108,7 +106,7 @@ def showing(recording, share):
 @pytest.mark.parametrize("heating", [20.0, 40.0])
 def test_a_thermocouple_that_shows_a_share_lets_no_wire_be_hotter(heating):
     """Also where the limb heats more than described: then the other wire tells by how much."""
-    recording = simulate(Limb(described_by(a2=heating)), [0.1, 0.1], 60.0)
+    recording = simulate(Limb(one_link(a2=heating)), [0.1, 0.1], 60.0)
     for share in (0.5, 0.75):
         left, right = fit_heat_bounds([showing(recording, share)], LimbParameters())
         for bounds in (left, right):
@@ -123,7 +121,7 @@ def test_a_thermocouple_that_shows_a_share_lets_no_wire_be_hotter(heating):
 )
 def test_first_contact_takes_in_any_limb(rates):
     """Of the published ends of all rates: it stays cool, within the bounds, then is known."""
-    limb = Limb(described_by(**rates))
+    limb = Limb(one_link(**rates))
     recording = collect_first_contact(limb)
     careful = limb_for_first_contact(LimbParameters())
     assert careful.total_duty == 0.3
@@ -146,21 +144,22 @@ def test_first_contact_takes_in_any_limb(rates):
 
 
 def test_a_thermocouple_without_its_wire_is_found_at_first_contact():
-    recording = showing(collect_first_contact(Limb()), 0.05)
+    recording = showing(collect_first_contact(Limb(one_link())), 0.05)
     with pytest.raises(CalibrationError, match="left wire was heated, but its thermocouple shows"):
         check_first_contact(recording, LimbParameters(), Path("first_contact.csv"))
 
 
 def test_what_is_unlike_the_other_wire_or_the_description_is_told():
-    nominal, duty = LimbParameters(), [0.2, 0.2]
-    assert heat_remarks([simulate(Limb(nominal), duty, 60.0)], nominal) == []
-    late = simulate(Limb(described_by(a3=-0.2)), duty, 60.0)
+    nominal = one_link()
+    duty = [0.2, 0.2]
+    recording = simulate(Limb(nominal), duty, 60.0)
+    assert heat_remarks([recording], nominal) == []
+    late = simulate(Limb(one_link(a3=-0.2)), duty, 60.0)
     for side, remark in zip(("left", "right"), heat_remarks([late], nominal), strict=True):
         assert remark.startswith(f"the {side} thermocouple lags by 5 s")
-    half = showing(simulate(Limb(nominal), duty, 60.0), 0.5)
-    (remark,) = heat_remarks([half], nominal)
+    (remark,) = heat_remarks([showing(recording, 0.5)], nominal)
     assert remark.startswith("the left wire shows 50% of the heat of the wire that shows most")
-    weak = simulate(Limb(described_by(a2=10.0)), duty, 60.0)
+    weak = simulate(Limb(one_link(a2=10.0)), duty, 60.0)
     (remark,) = heat_remarks([weak], nominal)
     assert remark.startswith("the wires show 50% of the heat that their description says")
     assert remark.endswith("describe the wires by a2 10 and 10 °C/s.")

@@ -16,7 +16,6 @@ from calibration.import_logs import table
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
-from limb_systems.bend_sensor import chord_angle
 from soft_limb.command import main
 
 LINKS = 4
@@ -133,8 +132,6 @@ def test_logger_of_sma_limbs_over_midnight(tmp_path, limb, tags, pairs, down):
     # A chord of four links of constant curvature shows φ exactly.
     check(recording, truth, tolerance_deg=0.02 + 0.1 * (limb == 1))
     assert isinstance(recording.parameters.segments[0].bend_sensor, ChordSensor)
-    links = np.full(4, np.deg2rad(5.0))
-    assert chord_angle(links) > 0  # E2 is where positive joints bend to
 
 
 def test_bend_sensors_of_that_logger_show_the_tip_tangent(tmp_path, truth):
@@ -359,6 +356,9 @@ def cases(truth):
     volts = np.round(12.1 * truth.duty, 2)
     cool = 22.0 + 0.2 * (temperatures - 22.0)
     early = truth.time < 60.0
+    later = (truth.time > 70.0) & (truth.time < 130.0)
+    seven_bits = np.round(248 * truth.duty)  # or of more, whose most is 124
+    raw_temperatures = np.round(4 * temperatures)
 
     def with_(column, name, values):
         """The columns with another one in a place."""
@@ -393,6 +393,12 @@ def cases(truth):
         "offset": with_(3, "T_left_C", temperatures[0] + 40.0),
         "little warming": (names, [*base[:3], cool[0] + 15.0, cool[1], base[5]]),
         "short": (names, [c[early] for c in with_(3, "", temperatures[0] + 12.0)[1]]),
+        "apart": (names, [c[later] for c in with_(3, "", temperatures[0] + 15.0)[1]]),
+        "raw temperatures": (
+            names.replace("_C", "_raw"),
+            [*base[:3], *raw_temperatures, base[5]],
+        ),
+        "seven bits": (names, [base[0], *seven_bits, *base[3:]]),
         "two units": with_(1, "pwm_left", duty),
         "switch and levels": ("t heat1 heat2 T1 T2 angle", [base[0], duty, relay, *base[3:]]),
         "volts or shares": ("t heat1 heat2 T1 T2 angle", [base[0], *volts, *base[3:]]),
@@ -430,6 +436,9 @@ def cases(truth):
         ("offset", "unit of T_left_C: C, F or K.*unit of T_right_C"),
         ("little warming", "unit of T_left_C: C, F or K.*unit of T_right_C"),
         ("short", "unit of T_left_C: C, F or K"),
+        ("apart", "unit of T_left_C: C, F or K"),
+        ("raw temperatures", "that pwm_left heats, T_left_raw.*that pwm_right heats, T_right_raw"),
+        ("seven bits", "is 124: what is full duty"),
         ("two units", "is 0.5 and 128: are they of one unit"),
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
@@ -502,6 +511,15 @@ LABVIEW = """Channels;5;;;;;
 Samples;9;9;9;9;9;
 Date;x;x;x;x;x;
 X_Value;PWM left;PWM right;TC left;TC right;Bend [deg];"""
+DIADEM = """Zeit;PWM_L;PWM_R;Temp_L;Temp_R;Biegung
+s;-;-;°C;°C;Grad
+DT_DOUBLE;DT_DOUBLE;DT_DOUBLE;DT_DOUBLE;DT_DOUBLE;DT_DOUBLE"""
+DSPACE = '"Time [s]",' + ",".join(
+    f'"Model Root/{name}/Out1"' for name in ("pwm_left", "pwm_right", "TC_left", "TC_right", "phi")
+)
+BENCHVUE = "Scan,Time,101 <TC_L> (C),Alarm 101,102 <TC_R> (C),Alarm 102,201 <PWM_L>,202 <PWM_R>,"
+BENCHVUE += "301 <bend> (deg)"
+EXCEL = "Zeit;PWM links;PWM rechts;T links;T rechts;Winkel"
 
 
 @pytest.mark.parametrize(
@@ -514,6 +532,11 @@ X_Value;PWM left;PWM right;TC left;TC right;Bend [deg];"""
             "",
         ),
         ("{6:.1f};{1:.0f};{2:.0f};{3:.2f};{4:.2f};{5:.3f};", LABVIEW),
+        ("{6:.1f};{1:.0f};{2:.0f};{3:.2f};{4:.2f};{5:.3f}", DIADEM),
+        ("{6:.1f}," + ROW, DSPACE),
+        ("7,{0:%m/%d/%Y %H:%M:%S:%f},{3:.2f},0,{4:.2f},0,{1:.0f},{2:.0f},{5:.3f}", BENCHVUE),
+        ("{0:%d.%m.%Y %H:%M:%S.%f};{1:.0f};{2:.0f};{3:.2f} °C;{4:.2f} °C;{5:.2f}°", EXCEL),
+        ("ms={7:.0f}, pwmL={1:.0f}, pwmR={2:.0f}, tempL={3}, tempR={4}, angle={5}", ""),
     ],
 )
 def test_lines_of_terminals_sketches_and_labview(tmp_path, truth, form, head):
@@ -523,7 +546,7 @@ def test_lines_of_terminals_sketches_and_labview(tmp_path, truth, form, head):
         np.rad2deg(truth.bend),
     ]
     lines = [
-        form.format(start + datetime.timedelta(seconds=round(t, 3)), *row, t)
+        form.format(start + datetime.timedelta(seconds=round(t, 3)), *row, t, 1000 * t)
         for t, *row in zip(truth.time, *signals_, strict=True)
     ]
     path = tmp_path / "log.txt"
@@ -619,7 +642,7 @@ def test_any_names_units_and_order_are_right_or_asked_about(tmp_path):
     pulses = [
         (k % 2, level, s, 5.0) for k, (level, s) in enumerate(zip(levels, starts, strict=True))
     ]
-    truth = limb.record(pulses, 200.0, 5.0)
+    truth = limb.record(pulses, 200.0, 2.5)
     read_ = 0
     for seed in range(50):
         log = any_log(truth, seed)

@@ -194,7 +194,7 @@ def test_laws_are_within_their_errors(true_limb, model_recordings, change):
         }
         heated.append(dataclasses.replace(recording, **noisy))
     runs = [HeatedRun.of(recording) for recording in change(heated)]
-    segment = SegmentParameters(stiffness=true_limb.segments[0].stiffness)
+    segment = SegmentParameters(links=2, stiffness=true_limb.segments[0].stiffness)
     estimates = fit_law(LinearLaw, runs, segment, 23.0).estimates
     for wire in true_limb.segments[0].wires:
         for field in ("a1", "a2", "a3", "beta"):

@@ -262,8 +262,7 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
 
 
 def test_another_process_makes_the_same_plans_and_ends_with_its_owner(short_plan):
-    task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
-    here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
+    here, there = HorizonPlanner.of(short_plan), PlannerProcess(short_plan)
     first = here.first_horizon(short_plan)
     question = 0.3, first.heat[1], np.array([0.02]), first
     there.begin(*question)

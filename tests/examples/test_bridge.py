@@ -6,15 +6,12 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-from ros_bridge import node
 from ros_bridge.drive import ARMED, RUNNING, Driver
-from ros_bridge.messages import Listener, ReceivedCommands, ReceivedMessage, Topics
+from ros_bridge.messages import Listener, ReceivedMessage, Topics
 
 from limb_systems import LimbParameters
 from planners import plan, references
@@ -257,53 +254,3 @@ def test_a_plan_starts_from_cold_wires_without_another_writer(fig5_plan):
     ask(False)
     assert network.duty() == [0.0, 0.0]
     assert network.driver.state == ARMED
-
-
-def test_rclpy_is_used_where_it_is(monkeypatch):
-    """A stand-in for it: there is no ROS here."""
-    published, callbacks, publishers = [], {}, {"/cmd_u_t": 1}
-
-    class Node:
-        def create_publisher(self, kind, name, depth):
-            return SimpleNamespace(publish=lambda message: published.append((name, message)))
-
-        def create_subscription(self, kind, name, callback, depth):
-            callbacks[name] = callback
-
-        def count_publishers(self, name):
-            return publishers[name]
-
-    waiting = []
-    rclpy, messages = ModuleType("rclpy"), ModuleType("std_msgs.msg")
-    rclpy.init, rclpy.create_node = lambda: None, lambda name: Node()
-    rclpy.spin_once = lambda node, timeout_sec: waiting.pop(0)() if waiting else None
-    for kind in ("Bool", "Float64MultiArray", "MultiArrayDimension", "MultiArrayLayout", "String"):
-        setattr(messages, kind, SimpleNamespace)
-    for name, module in {
-        "rclpy": rclpy,
-        "std_msgs": ModuleType("s"),
-        "std_msgs.msg": messages,
-    }.items():
-        monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setitem(sys.modules, "ros_bridge.rclpy_node", None)
-    del sys.modules["ros_bridge.rclpy_node"]  # it is imported anew, and forgotten in the end
-    ours = node.make_node(Topics())
-    assert type(ours).__module__ == "ros_bridge.rclpy_node"
-    ours.publish("/limb/state", "{}")
-    ours.publish("/ezloophw_sensors", {"a": 1.0, "b": 2.0})
-    (_, text), (name, numbers) = published
-    assert (text.data, name, numbers.data) == ("{}", "/ezloophw_sensors", [1.0, 2.0])
-    assert numbers.layout.dim[0].label == "a,b"
-    duty = SimpleNamespace(data=np.array([0.0, 0.2]))
-    old = {"source_timestamp": time.time_ns() - 10**9}
-    waiting += [lambda: callbacks["/cmd_u_t"](duty, old), lambda: callbacks["/cmd_u_t"](duty)]
-    (written,) = ours.take()
-    assert (written.value, written.delay) == ([0.0, 0.2], 0.0)
-    waiting.append(lambda: callbacks["/cmd_u_t"](duty, old))
-    assert ours.take()[0].delay > 0.9
-    publishers["/cmd_u_t"] = 2
-    waiting.append(lambda: callbacks["/cmd_u_t"](duty))
-    listener = Listener(Topics(), 2, 1.5)
-    listener.receive(ours.take(), 1.0)
-    assert "several publishers" in listener.received.refused
-    assert listener.received.duty is ReceivedCommands().duty is None

@@ -1,7 +1,6 @@
 """The examples and the README's script run as a newcomer runs them."""
 
 import contextlib
-import functools
 import io
 import re
 import runpy
@@ -12,18 +11,15 @@ from unittest import mock
 import numpy as np
 import pytest
 
-import calibration
-from hardware import LimbTwin
 from limb_systems import (
     Limb,
     LimbParameters,
-    LinearLaw,
     Recording,
     Trajectory,
     simulate,
-    tip_position,
 )
 from limb_systems.kinematics import link_positions
+from planners import plan, references
 
 from ..hardware.conftest import VirtualBoard
 from ..hardware.virtual_time import VirtualTime
@@ -133,48 +129,6 @@ def test_yaml_to_recording(tmp_path, monkeypatch):
 
 
 @pytest.mark.whole
-def test_calibrate_from_csv(tmp_path, monkeypatch):
-    """Sag and ring-down tell more of k than the sag does alone, by the statics of small angles."""
-    one_law = functools.partial(calibration.calibrate, laws=(LinearLaw,))  # others take long
-    monkeypatch.setattr(calibration, "calibrate", one_law)
-    said = run([EXAMPLES / "calibrate_from_csv.py", "-o", tmp_path], tmp_path)
-    limb = LimbParameters.load(tmp_path / "limb.yaml")
-    (segment,) = limb.segments
-    by_kind = {
-        kind: [
-            np.genfromtxt(path, delimiter=",", names=True)
-            for path in (tmp_path / "log").glob(f"{kind}*.csv")
-        ]
-        for kind in ("sag", "ring_down", "right", "left", "both")
-    }
-    logs = by_kind.pop("sag")
-    # At rest it is where it is at the end of ring-downs, and where heating of cold wires begins.
-    rest = [log["bend_deg"][log["ms"] > log["ms"][-1] - 2000] for log in by_kind.pop("ring_down")]
-    rest += [
-        log["bend_deg"][log["ms"] < 1000]
-        for (log,) in by_kind.values()
-        if max(log["temp_l"][0], log["temp_r"][0]) < limb.ambient_temperature + 3
-    ]
-    sags = [log["bend_deg"][-100:].mean() for log in logs]
-    sag = np.deg2rad(np.median([np.median(angles) for angles in rest]) - np.mean(sags))
-    links = segment.links
-    # With N links beyond a joint, its torque is that of N² / n² of the weight at half the length.
-    squares = (np.arange(links) + 1.0) ** 2
-    weight = segment.mass * 9.81 * segment.length
-    half_tangent = (links + 1) / (2 * links + 1) * (squares.sum() + squares[0] / 2)
-    stiffness = weight / (2 * links**2) * half_tangent / sag
-    true = LimbTwin(seed=0).specimen.segments[0].stiffness
-    assert segment.stiffness == pytest.approx(true, rel=0.15)
-    assert abs(segment.stiffness - true) < 0.6 * abs(stiffness - true)
-    assert limb.ambient_temperature == pytest.approx(
-        np.mean([log["temp_l"] for log in logs]), abs=2
-    )
-    assert float(re.search(r"φ_sim\|: mean (.*?)°", said)[1]) < 10.0
-    assert "log/left_1.csv" in said
-    assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
-
-
-@pytest.mark.whole
 def test_supervised_controller(tmp_path):
     """T_max is 100 °C, which the supervisor holds, and a board cuts out at 110 °C."""
     said = run([EXAMPLES / "supervised_controller.py", "-o", tmp_path], tmp_path)
@@ -207,20 +161,11 @@ def test_two_segments(tmp_path):
 
 
 @pytest.mark.whole
-def test_draw_in_space(tmp_path):
-    """Feedback brings the tip of a limb that is not calibrated to where it is asked to be."""
-    (tmp_path / "path.csv").write_text("8,0\n8,8\n0,8\n")
-    arguments = [EXAMPLES / "draw_in_space.py", "path.csv", "-o", tmp_path]
-    said = run(arguments, tmp_path)
-    open_loop, feedback = map(float, re.findall(r"^\w+ +(.*)° from what", said, re.MULTILINE))
-    assert feedback < open_loop / 2
-    plan = Trajectory.load(tmp_path / "drawing.csv")
-    _, *tip = 1e3 * tip_position(plan.parameters, plan.joint_angles)
-    np.testing.assert_allclose(np.array(tip)[:, [0, 250, -1]], [[0, 8, 0], [0, 0, 8]], atol=0.7)
-    for name in ("open_loop", "feedback"):
-        assert (tmp_path / f"drawing_{name}.png").read_bytes().startswith(PNG)
-        assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
-    files = "drawing.csv", "drawing_feedback.csv"
+def test_figure_in_space(tmp_path):
+    trajectory = plan(LimbParameters.in_space(), references.circle(np.deg2rad(10.0), 40.0))
+    trajectory.save(tmp_path / "plan.csv")
+    simulate(Limb(trajectory.parameters), trajectory).save(tmp_path / "recording.csv")
+    files = "plan.csv", "recording.csv"
     run([EXAMPLES / "figure_in_space.py", *files, "-o", "space.png"], tmp_path)
     assert (tmp_path / "space.png").read_bytes().startswith(PNG)
 

@@ -80,7 +80,7 @@ def test_demo_writes_all_files(demo, look_at):
     assert all(
         re.match("simulating|calibrating|planning", line) for line in complained.splitlines()
     )
-    assert "These limbs are emulated." in said
+    assert "These limbs are emulated, with physics that the model leaves out" in said
     assert re.findall(r"^(\d)/5 .* \.\.\.$", said, re.MULTILINE) == list("12345")
     assert LimbParameters.load(folder / "limb_0" / "limb.yaml") != LimbParameters()
     recordings = {path.stem for path in (folder / "limb_0" / "recordings").iterdir()}

@@ -2,6 +2,7 @@
 
 import io
 import re
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -136,6 +137,7 @@ def test_no_answer_about_the_supply_is_a_no(calibrated_at, voltage, cut_off, goo
         ("--supply 7 --no-cut-off", "FAILED   no cut-off"),
         ("--json", '"passed": false'),
         ("--supply -7 --cut-off", "supply's voltage is -7 V; it must be from 0.1"),
+        ("--supply 0", "supply's voltage is 0 V; it must be from 0.1"),
     ],
 )
 def test_no_port_is_opened_without_leave_to_heat(words, said, monkeypatch, capsys):
@@ -166,3 +168,10 @@ def test_a_person_at_a_terminal_has_to_answer_yes(answers, is_opened, monkeypatc
     monkeypatch.setattr("sys.stdin", Terminal(answers))
     assert main(["arm-check", "/dev/null"]) == 1
     assert bool(opened) == is_opened
+
+
+def test_nobody_is_asked_where_there_is_no_port(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", mock.Mock(isatty=lambda: True, readline=pytest.fail))
+    for command in ("arm-check", "board-check"):
+        assert main([command, "/dev/no_board"]) == 1
+        assert "There is no port /dev/no_board" in capsys.readouterr().err

@@ -235,26 +235,39 @@ def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
 
 
 def test_board_check_at_a_port(virtual_time, emulator, capsys):
-    assert main(["board-check", emulator.port]) == 0
+    check = ["board-check", emulator.port, "--supply", "7", "--cut-off"]
+    assert main(check) == 0
     *lines, summary = capsys.readouterr().out.splitlines()
     assert lines == [f"ok       {case.name}" for case in CASES]
     assert summary == f"passed {len(CASES)}, failed 0, not run 0"
     assert emulator.duty() == [0.0, 0.0]
-    assert main(["board-check", emulator.port, "--json"]) == 0
+    assert main([*check, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["passed"], facts["failed"], facts["not_run"]) == (len(CASES), 0, 0)
     assert facts["checks"][-1]["section"] == "docs/protocol.md#from-the-host"
     emulator.order("silence")
     virtual_time.sleep(1.0)
-    assert main(["board-check", emulator.port]) == 1
+    assert main(check) == 1
     message = "error: The board cannot be checked: it is off for reason 22, the bend sensor does"
     assert capsys.readouterr().err.startswith(message)
     emulator.order("drop 1")
-    assert main(["board-check", emulator.port]) == 1
+    assert main(check) == 1
     assert "sent no sample for 1 s" in capsys.readouterr().err
     assert main(["board-check", "/dev/no_board"]) == 1
-    said = "error: Cannot open /dev/no_board: No such file or directory; soft-limb status lists "
-    assert capsys.readouterr().err == f"{said}those of this computer.\n"
+    said = "error: There is no port /dev/no_board; soft-limb status lists those there are.\n"
+    assert capsys.readouterr().err == said
+
+
+def test_board_check_heats_nothing_without_answers(virtual_time, emulator, capsys):
+    for words, said in {
+        "--supply 7": "not checked: nobody has said that a thermal cut-off is on the limb",
+        "--cut-off": "not checked: nobody has said which voltage the wires' supply has",
+        "--supply 7 --no-cut-off": "not checked: no cut-off",
+    }.items():
+        assert main(["board-check", emulator.port, *words.split()]) == 1
+        assert said in capsys.readouterr().err
+    assert not [event for event in emulator.events("duty") if event["left"] or event["right"]]
+    assert main(["board-check", emulator.port, "--supply", "0"]) == 0  # it is off: nothing gets hot
 
 
 def test_a_board_check_that_is_stopped_leaves_the_wires_off(emulator, monkeypatch, capsys):
@@ -265,7 +278,7 @@ def test_a_board_check_that_is_stopped_leaves_the_wires_off(emulator, monkeypatc
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Host, "heat", interrupt)
-    assert main(["board-check", emulator.port]) == 130
+    assert main(["board-check", emulator.port, "--supply", "0"]) == 130
     assert capsys.readouterr().err == "stopped; wires are off\n"
     *_, heated = (e["time"] for e in emulator.events("duty") if e["right"] > 0)
     assert emulator.off_after(heated) < 0.4  # it was heated for 0.3 s; silence would take 0.5 s

@@ -113,9 +113,10 @@ def test_any_chain_shows_the_bend_of_this_one():
         limb = twin.GetSubsystemByName("shape_memory_wires")
         assert isinstance(limb, ContinuumLimb)
         recording = simulate(twin, [0.0, 0.4], 14.0)
-        shown = segment.bend_sensor.exact_bend_angle(recording.joint_state[:5, -1])
+        shown = segment.bend_sensor.exact_bends(segment.chain, recording.joint_state[:5, -1])[0]
         (beam,), state = specimen.segments, specimen.state
-        true = segment.bend_sensor.exact_bend_angle(state["beam"][:JOINTS])
+        beam_chain = SegmentParameters(links=JOINTS).chain
+        true = segment.bend_sensor.exact_bends(beam_chain, state["beam"][:JOINTS])[0]
         assert abs(true) > 0.3
         assert shown == pytest.approx(true, abs=1e-4)
         assert state["play"][0] == pytest.approx(true, abs=beam.sensor_play / 2 + 1e-6)

@@ -173,7 +173,8 @@ def test_hand_does_virtual_work_across_the_chord():
     hand.get_input_port().FixValue(context, np.concatenate([angles, np.zeros(5)]))
     torque = hand.get_output_port().Eval(context)
     stiffness = GRIP_STIFFNESS_RATIO * parameters.segments[0].stiffness / 3
-    tip, error = tip_position(parameters, angles), 0.5 - sensor.exact_bend_angle(angles)
+    tip = tip_position(parameters, angles)
+    error = 0.5 - sensor.exact_bends(parameters.segments[0].chain, angles)[0]
     across = np.array([-tip[1], tip[0]]) / np.linalg.norm(tip)
     for joint in range(5):
         step = 1e-6 * np.eye(5)[joint]

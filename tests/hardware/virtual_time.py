@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hardware import HardwareError
-from hardware.board.link import BoardLink, SerialPort
+from hardware.board.link import BoardLink, SerialPort, check_port_exists
 from hardware.emulation.emulator import LOOP_PAUSE
 
 HANG = 600.0  # s of the computer, after which threads of the host are given up
@@ -42,6 +42,8 @@ class VirtualTime:
         monkeypatch.setattr("hardware.board.link.SerialPort", self._open)
         bench = functools.partial(self._open, has_thread=False)
         monkeypatch.setattr("soft_limb.commands.hardware.SerialPort", bench)
+        exists = lambda port: port in self.cables or check_port_exists(port)  # noqa: E731
+        monkeypatch.setattr("soft_limb.commands.hardware.check_port_exists", exists)
         monkeypatch.setattr(BoardLink, "_wait_for", self._method_of_link())
         monkeypatch.setattr(BoardLink, "_send", _send_now)
         several = "hardware.board.several_boards"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.board.signals import raise_if_interrupted
+from hardware.board.signals import raise_if_interrupted, stop
 from limb_systems import Limb, LimbError, LimbParameters, simulate
 from soft_limb.command import all_commands, main, run_command
 
@@ -106,6 +106,24 @@ def run_script(text):
         [sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=False
     )
     return done.returncode, done.stdout, done.stderr
+
+
+def test_a_second_ctrl_c_at_the_end_prints_no_traceback(monkeypatch, capsys):
+    set_handler = signal.signal
+    left = [signal.SIGINT] * 9
+
+    def interrupted(number, handler):
+        if signal.getsignal(number) is not handler and signal.getsignal(number) is stop and left:
+            os.kill(os.getpid(), left.pop())
+        return set_handler(number, handler)
+
+    def command():
+        monkeypatch.setattr(signal, "signal", interrupted)
+        raise KeyboardInterrupt
+
+    assert run_command(command, "stopped") == 130
+    assert capsys.readouterr().err == "stopped\n"
+    assert len(left) < 9
 
 
 def test_signals_end_code_that_cannot_handle_them():

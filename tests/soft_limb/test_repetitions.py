@@ -12,6 +12,7 @@ from limb_systems import Limb, LimbParameters, Recording, SegmentParameters, Tra
 from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
+from soft_limb.runs import repetitions
 from soft_limb.runs.repetitions import REST_TIME, make_rested_twins, repeat, wait_for_cool_wires
 
 
@@ -112,12 +113,12 @@ def test_emulated_limbs_rest_between_repetitions(short_plan):
     assert rests == [0.0, REST_TIME]
 
 
-def test_robots_rest_until_their_wires_are_cool(short_plan):
+def test_robots_rest_until_their_wires_are_cool(short_plan, monkeypatch):
+    monkeypatch.setattr(repetitions, "READ_PERIOD", 1e-3)
     start = short_plan.measured_temperature[:, 0]
     readings = iter(np.add(start, [[1.0, 20.0], [0.0, 5.0], [-8.0, 2.9], [0.0, 0.0]]))
-    wait_for_cool_wires(lambda: next(readings), short_plan, period=0.0)
+    wait_for_cool_wires(lambda: next(readings), short_plan)
     np.testing.assert_array_equal(next(readings), start)  # it did not look again
+    monkeypatch.setattr(repetitions, "MAX_REST_TIME", 0.0)
     with pytest.raises(ReplayError, match=r"the right wire is still at 45\.0 °C, but .* 25\.0 °C"):
-        wait_for_cool_wires(
-            lambda: np.add(start, [0.0, 20.0]), short_plan, longest=0.0, period=1e-3
-        )
+        wait_for_cool_wires(lambda: np.add(start, [0.0, 20.0]), short_plan)

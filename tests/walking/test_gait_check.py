@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limb_systems import LimbError, Recording, RestMemory, simulate
-from walking import Gait, GaitVariation, Robot, check_gait, plan_gait, walk
+from walking import Gait, GaitVariation, Robot, check_gait, walk
 from walking.gait_check import (
     find_fall,
     measure_strides,
@@ -17,18 +17,15 @@ from walking.gait_check import (
 )
 from walking.in_mujoco import simulate_in_mujoco
 
-from .conftest import with_quick_wires
+
+@pytest.fixture
+def gait(quick_crawl) -> Gait:
+    return quick_crawl
 
 
-@pytest.fixture(scope="module")
-def gait() -> Gait:
-    """A crawl of the nominal robot with quick wires, 28 mm in 4 s, not checked."""
-    return plan_gait(with_quick_wires(factor=4.0), check=False)
-
-
-@pytest.fixture(scope="module")
-def checked(gait) -> Gait:
-    return check_gait(gait, cycles=2, spread=False)
+@pytest.fixture
+def checked(checked_crawl) -> Gait:
+    return checked_crawl
 
 
 def test_strides_are_as_planned(checked):
@@ -123,7 +120,7 @@ def test_a_walk_from_cold_comes_to_the_gait(checked):
     assert walked.wire_temperature.max() <= limits.maximum
     assert walked.duty.sum(axis=0).max() <= checked.robot.total_duty + 1e-3
     assert (walked.duty[:, -1] == 0).all()
-    recording = simulate(Robot(checked.robot), walked)
+    recording = simulate(Robot(checked.robot, time_step=2e-3), walked)
     starts = begin + checked.period * np.arange(3)
     strides = measure_strides(recording, checked, starts)[0]
     assert strides[1] == pytest.approx(checked.check.simulation.strides[-1], abs=0.03)

@@ -3,48 +3,69 @@
 import json
 import shutil
 from pathlib import Path
+from unittest.mock import create_autospec
 
+import numpy as np
 import pytest
 
 from calibration import calibrate
 from limb_systems import Recording
 from soft_limb.command import main
-from walking import Gait, RobotParameters, RobotTwin
+from walking import Gait, GaitVariation, RobotParameters, RobotTwin, gait_planning, walk
+from walking.gait_request import GaitRequest
+from walking.schedules import candidate_schedules
 
-from .conftest import with_quick_wires
+from .conftest import quickened
 
 LIMB = Path(__file__).parents[1] / "data" / "emulated_limb"
 
 
 @pytest.fixture
 def robot(tmp_path):
-    """A crawler whose wires heat and cool eight times as fast, so that it walks in little time."""
-    parameters = with_quick_wires()
-    parameters.body.mass = 0.021
-    parameters.save(tmp_path / "robot.yaml")
+    RobotParameters().save(tmp_path / "robot.yaml")
     return tmp_path / "robot.yaml"
 
 
-def test_a_robot_gets_a_gait_and_walks_by_it(robot, tmp_path, capsys):
-    output, picture = tmp_path / "gait.csv", tmp_path / "gait.png"
+def test_a_gait_is_planned_as_requested_and_saved(
+    robot, checked_crawl, tmp_path, capsys, monkeypatch
+):
+    output = tmp_path / "gait.csv"
+    picture = tmp_path / "gait.png"
+    plan_gait = create_autospec(gait_planning.plan_gait, return_value=checked_crawl)
+    monkeypatch.setattr("walking.commands.gaits.plan_gait", plan_gait)
     words = ["gait", str(robot), "-o", str(output), "--quick", "--plot", str(picture), "--json"]
     assert main(words) == 0
     said = json.loads(capsys.readouterr().out)
+    plan_gait.assert_called_once_with(
+        RobotParameters(),
+        GaitRequest(temperature_margin=5.0),
+        schedule=candidate_schedules(RobotParameters())[0],
+        check=True,
+        spread=False,
+    )
     gait = Gait.load(output)
     assert gait.passed
-    assert said["stride"] == gait.stride
-    assert gait.wire_temperature.max() < 95.0 + 1e-6  # T_max less the margin
-    assert gait.robot == RobotParameters.load(robot)
+    assert said["stride"] == gait.stride == checked_crawl.stride
     assert picture.read_bytes().startswith(b"\x89PNG")
 
+
+def test_a_robot_walks_by_a_gait(crawl, tmp_path, capsys):
+    gait = quickened(crawl, 8.0)
+    gait.check.simulation = GaitVariation("", [1.0])  # as if it was checked
+    gait.save(tmp_path / "gait.csv")
     recorded = tmp_path / "walk.csv"
-    words = ["walk", str(output), "-n", "2", "-o", str(recorded), "--model"]
+    words = ["walk", str(tmp_path / "gait.csv"), "-n", "1", "-o", str(recorded), "--model"]
     assert main([*words, "--controller", "open-loop", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said["strides"][1] == pytest.approx(gait.stride, rel=0.02)
     assert not said["fall"]
-    walked = Recording.load(recorded).body_pose[0]
-    assert walked[-1] - walked[0] == pytest.approx(1.9 * gait.stride, rel=0.1)
+    recording = Recording.load(recorded)
+    start = walk(gait, 1).duration - gait.period
+    begin, end = np.interp([start, recording.time[-1]], recording.time, recording.body_pose[0])
+    assert said["strides"] == pytest.approx([end - begin], rel=1e-2)
+    assert end - begin > 0.5 * gait.stride
+    assert main(["walk", words[1], "-o", str(tmp_path / "again.csv"), "--replan"]) == 1
+    message = capsys.readouterr().err
+    assert "--replan fits friction and the heights of feet of robots in space" in message
 
 
 def test_limbs_of_a_robot_are_fitted_one_by_one_and_put_back(tmp_path, capsys, monkeypatch):

@@ -1,6 +1,5 @@
 """Gaits in space: mechanics against Drake's plant, walks with contact, requests, and the way."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -29,14 +28,14 @@ from walking.walk_trajectory import walk
 from walking.walker import Walker
 from walking.wayfinder import STALLED, STALLED_CYCLES
 
-from .conftest import with_quick_wires
+from .conftest import quickened
 
 THREE = RobotParameters.in_space(3)
 
 
 @pytest.fixture(scope="module")
 def gaits() -> dict[str, Gait]:
-    few = {"check": False, "intervals": 12}
+    few = {"check": False, "intervals": 12, "temperature_margin": 5.0}
     ahead = plan_gait(THREE, **few)
     near = {"near": ahead, "schedule": ahead.schedule, "explain": False, **few}
     left = plan_gait(THREE, turn=0.2, begins_as=ahead, **near)
@@ -158,13 +157,11 @@ def test_impossible_request_is_refused_in_a_sentence(robot, request_, said):
         plan_gait(robot, check=False, explain=False, intervals=12, **request_)
 
 
-def test_a_robot_walks_to_a_place_with_contact(tmp_path, capsys):
+def test_a_robot_walks_to_a_place_with_contact(gaits, tmp_path, capsys):
     """By a folder of gaits and the command, from cold wires, which are eight times as quick."""
     folder, output, picture = (tmp_path / name for name in ("gaits", "walk.csv", "way.png"))
-    robot = with_quick_wires(RobotParameters.in_space(3))
-    gait = plan_gait(robot, temperature_margin=5.0, check=False, intervals=12)
-    check = dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
-    gait = dataclasses.replace(gait, check=check)
+    gait = quickened(gaits["ahead"], 8.0)
+    gait.check.simulation = GaitVariation("", [1.0])  # as if it was checked
     save_gaits({"ahead": gait, "spot_left": gait, "mine": gait}, folder)
     (folder / "notes.csv").write_text("mine")  # no gait
     with pytest.raises(OutputError, match=r"ahead\.csv exists; give another name, or --force"):
@@ -203,7 +200,7 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
     """
     goals = [(0.15, 0.0), (0.15, 0.1, math.pi / 2), (0.0, 0.0)]
     ahead = gaits["ahead"]
-    few = {"schedule": ahead.schedule, "check": False, "intervals": 12}
+    few = {"schedule": ahead.schedule, "check": False, "intervals": 12, "temperature_margin": 5.0}
     right = plan_gait(THREE, turn=-0.2, near=ahead, explain=False, **few)
     gaits = {**gaits, "right": right}
     finder = Wayfinder(gaits, goals)

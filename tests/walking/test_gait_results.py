@@ -76,6 +76,11 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     row = page.partition("friction x 0.7</td>")[2][:300]
     assert re.search(r"50\.0.*90<.*its body is on the ground", row)
     replay = html.unescape(re.search(r'<iframe [^>]*srcdoc="([^"]*)"', page)[1])
+    hot = GaitVariation("parameters +-10%, draw 1", [1.1], 107.0)
+    gait.check.spread.append(hot)
+    assert "a wire reaches 107 °C, above its limit of 100 °C, with parameters +-10%, draw 1" in (
+        gait_verdict(gait)
+    )
     frames = int(re.search(r'type="range" min="0" max="(\d+)"', replay)[1])
     assert frames == pytest.approx(3 * 15.0 * 20)  # three cycles
     values = np.array(json.loads(re.search(r"const values = (\[\[.*?\]\]);", replay)[1]))

@@ -9,7 +9,7 @@ import numpy as np
 from limb_systems.views.panels import motion_panels
 from limb_systems.views.replay_page import replay_page
 from soft_limb.reports import page
-from walking.commands.gait_summaries import gait_summary
+from walking.commands.gait_summaries import gait_summary, overheating_remark
 from walking.gait import Gait, GaitVariation
 
 
@@ -48,6 +48,8 @@ def gait_verdict(gait: Gait) -> str:
             f" With other friction or parameters {fallen} of {len(spread)} fall; a gait of more "
             "steadiness falls less and is slower."
         )
+    if hot := overheating_remark(gait):
+        text += f" {hot[0].upper()}{hot[1:]}."
     return text
 
 

@@ -23,13 +23,19 @@ def gait_summary(gait: Gait) -> Summary:
     if check.solver:
         effort = f"in {check.iterations} iterations, {check.solve_time:.2f} s"
         solver = f"{check.solver}: {check.status} {effort}"
-    strides = [share for variation in check.spread for share in variation.strides]
-    fallen = [variation.what for variation in check.spread if variation.fall]
+    strides = []
+    fallen = []
+    for variation in check.spread:
+        strides += variation.strides
+        if variation.fall:
+            fallen.append(variation.what)
     spread = []
     if strides:
         spread.append(f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one")
     if fallen:
         spread.append(f"falls with {', '.join(fallen)}")
+    if hot := overheating_remark(gait):
+        spread.append(hot)
     steadiness = [
         f"{check.steadiness:.3g} x weight x limb length against pitch",
         "gaits of less are faster and tip over sooner",
@@ -57,6 +63,23 @@ def gait_summary(gait: Gait) -> Summary:
     )
 
 
+def overheating_remark(gait: Gait) -> str:
+    """Say on which varied robots a wire gets hotter than its limit; "" if on none."""
+    limit = gait.parameters.temperature_limits.maximum
+    hottest = 0.0
+    changes = []
+    for variation in gait.check.spread:
+        if variation.highest_temperature > limit:
+            hottest = max(hottest, variation.highest_temperature)
+            changes.append(variation.what)
+    if not changes:
+        return ""
+    return (
+        f"open loop, a wire reaches {hottest:.0f} °C, above its limit of {limit:g} °C, with "
+        f"{', '.join(changes)}; walk with feedback, which holds wires below their limit"
+    )
+
+
 def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summary:
     """Summarize a walk: the travel and duration of its cycles, its heat, and its fall, if any.
 
@@ -79,12 +102,12 @@ def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summar
     # Put them into words.
     sentence = "none is whole"
     if len(strides):
-        sentence = ", ".join(f"{scale * stride:.1f}" for stride in strides) + unit
-        sentence += f" in {', '.join(f'{duration:.1f}' for duration in durations)} s"
+        sentence = ", ".join(map("{:.1f}".format, scale * strides)) + unit
+        sentence += f" in {', '.join(map('{:.1f}'.format, durations))} s"
     sentence += f"; {scale * planned:.1f}{unit} in {gait.period:.1f} s planned"
     if fall:
         places = recording.body_pose[: 2 if gait.in_space else 1]
-        moved = [np.diff(np.interp([starts[0], end], recording.time, row))[0] for row in places]
+        moved = np.diff(recording.interpolated(places, np.array([starts[0], end])))
         fall += f", having travelled {1e3 * np.linalg.norm(moved):.1f} mm"
     entries = [
         Entry("strides", strides.tolist(), "rad" if gait.on_the_spot else "m", sentence),

@@ -5,7 +5,6 @@ import dataclasses
 import functools
 import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,7 +37,7 @@ from soft_limb.runs.rollout import OPEN_LOOP, record_replay
 from walking.commands.gait_summaries import gait_summary, walk_summary
 from walking.course import check_course
 from walking.gait import Gait
-from walking.gait_check import find_fall, measure_strides, simulate_gait
+from walking.gait_check import find_fall, simulate_gait
 from walking.gait_feedback import MIN_PACE, GaitFeedback
 from walking.gait_planning import plan_gait
 from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
@@ -56,7 +55,6 @@ from walking.schedules import (
     parse_schedule,
 )
 from walking.strides import StridesFit, fit_strides
-from walking.strides_in_space import fit_strides_in_space
 from walking.views.robot_panels import body_path_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
@@ -83,7 +81,7 @@ STALLED_MESSAGE = (
     f"stopped, as {STALLED_CYCLES} cycles in a row made less than {MIN_CYCLE_PROGRESS:.0%} of "
     "what was planned; does the robot slip, or is it another than the gait's?"
 )
-STANDING_TIME = 10.0  # s, for which an emulated robot stands with its wires off in the meantime
+COOLING_TIME = 180.0  # s, for which an emulated robot stands with its wires off before it goes on
 _Trial = tuple[Schedule, Gait | None, str]  # with its gait, or the reason why it has none
 
 
@@ -191,10 +189,10 @@ def _best_gait(
         num_processes = min(os.cpu_count() or 1, len(schedules))
         with Progress("planning", len(schedules), "schedules") as progress:
             trials = []
+            untried = list(schedules)
             for trial in run_each(plan, schedules, num_processes):
                 trials.append(trial)
-                tried = [schedule for schedule, *_ in trials]
-                untried = [schedule for schedule in schedules if schedule not in tried]
+                untried.remove(trial[0])
                 message = f"trying {format_schedule(untried[0])}" if untried else ""
                 progress.update(len(trials), message)
         trials.sort(key=lambda trial: -trial[1].merit if trial[1] else np.inf)
@@ -316,32 +314,43 @@ def _walk(options: argparse.Namespace) -> int:
             f"{options.gait} was never checked and is not walked by; plan it again with soft-limb "
             "gait, which checks it by simulation."
         )
+    if options.replan:
+        _check_replan(options, gait)
     robot = _make_robot(options, gait)
 
     # Walk the first strides, and plan the gait again for the robot that they show.
-    heat = None
-    bend = None
     replan_summary = Summary([])
     if options.replan:
+        assert isinstance(robot, RobotTwin)  # neither on a port nor the gait's model
         fit = _walk_first_strides(options, gait, robot, first_file)
-        gait, heat, replan_summary = _replan(gait, fit, options)
-        if isinstance(robot, RobotTwin):
-            robot = robot.after_rest(STANDING_TIME, truth=True)
-        else:  # its port was closed, with its wires off, after the first strides
-            robot = _make_robot(options, gait)
-        bend = fit.bend
+        gait, replan_summary = _replan(gait, fit)
+        robot = robot.after_rest(COOLING_TIME, truth=True)
         gait.save(gait_file)
         outputs += [first_file, gait_file]
 
     # Walk, and summarize the strides.
     controller = options.controller or _default_controller(options, gait)
-    recording, starts = _walk_cycles(
-        controller, gait, options.cycles, robot, options.output, heat, bend
-    )
+    recording, starts = _walk_cycles(controller, gait, options.cycles, robot, options.output)
     save_panels(motion_panels(recording), options.plot)
     summary = replan_summary + walk_summary(gait, recording, starts)
     print_summary(options, summary, outputs)
     return 1 if recording.interrupted else 0
+
+
+def _check_replan(options: argparse.Namespace, gait: Gait) -> None:
+    """Refuse to plan a gait anew for robots whose strides cannot tell of their feet."""
+    if not gait.in_space:
+        raise LimbError(
+            "--replan fits friction and the heights of feet of robots in space; leave it out for "
+            "a gait in a plane, whose feedback corrects its strides."
+        )
+    if options.port:
+        raise LimbError(
+            "--replan needs a camera that sees the body, and there is none on a port; leave it "
+            "out, or record strides with a camera in Python and call fit_strides."
+        )
+    if options.model:
+        raise LimbError("--model is the robot as planned; leave out --replan, which fits it.")
 
 
 def _make_robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
@@ -359,8 +368,6 @@ def _make_robot(options: argparse.Namespace, gait: Gait) -> LimbSystem:
     if options.port:
         return SerialLimb(options.port, gait.parameters)
     if options.model:
-        if options.replan:
-            raise LimbError("--model is the robot as planned; leave out --replan, which fits it.")
         return Robot(gait.robot)
     if options.emulated is None:
         return RobotTwin.of(gait.robot, truth=True)
@@ -375,29 +382,23 @@ def _default_controller(options: argparse.Namespace, gait: Gait) -> str:
 
 
 def _walk_cycles(
-    name: str,
-    gait: Gait,
-    cycles: int,
-    robot: LimbSystem,
-    output: Path,
-    heat: np.ndarray | None = None,
-    bend: np.ndarray | None = None,
+    name: str, gait: Gait, cycles: int, robot: LimbSystem, output: Path
 ) -> tuple[Recording, np.ndarray]:
-    """Walk some cycles by a controller, from a heat and bends.
+    """Walk some cycles by a controller, from cold wires.
 
     Returns:
         The recording, and the times at which cycles began, and the last one ended, s.
     """
-    trajectory = walk(gait, cycles, heat=heat, bend=bend)
+    trajectory = walk(gait, cycles)
     start = trajectory.duration - cycles * gait.period
     starts = start + gait.period * np.arange(cycles + 1)
     controller: LeafSystem | None = None
     if name == STRIDE_FEEDBACK:
-        controller = GaitFeedback(gait, cycles, heat=heat, bend=bend)
+        controller = GaitFeedback(gait, cycles)
         # Its clock waits for the limbs, and it ends the walk.
-        trajectory = walk(gait, int(np.ceil(cycles / MIN_PACE)), heat=heat, bend=bend)
+        trajectory = walk(gait, int(np.ceil(cycles / MIN_PACE)))
     elif name == BEND_FEEDBACK:
-        controller = PlanFeedback(trajectory, known_start=heat is not None)
+        controller = PlanFeedback(trajectory)
     elif name == HEAT_FEEDBACK:
         controller = HeatFeedback(trajectory)
     recording = record_replay(trajectory, robot, output, controller=controller)
@@ -414,64 +415,53 @@ def _walk_first_strides(
     Raises:
         LimbError: if the robot falls, or nothing can be fitted to its strides.
     """
-    # The fit takes strides at the planned speed.
-    name = options.controller or (HEAT_FEEDBACK if gait.in_space else BEND_FEEDBACK)
-    recording, starts = _walk_cycles(name, gait, FIRST_STRIDES, robot, output)
+    controller = options.controller or _default_controller(options, gait)
+    recording, starts = _walk_cycles(controller, gait, FIRST_STRIDES, robot, output)
     start = float(starts[0])
-    fall = find_fall(recording, gait, start)[0] if recording.body_pose is not None else ""
+    fall = find_fall(recording, gait, start)[0]
     if fall or recording.interrupted:
         raise LimbError(
             f"The robot does not make its first strides; see their recording {output}: "
             f"{fall or recording.interrupted}."
         )
-    if not gait.in_space:
-        return fit_strides(gait, recording, start, FIRST_STRIDES)
-    fit = fit_strides_in_space(gait, recording, start, FIRST_STRIDES)
-    made = measure_strides(recording, gait, starts)[0][-1]
-    return dataclasses.replace(fit, made=float(made))
+    return fit_strides(gait, recording, start, FIRST_STRIDES)
 
 
-def _replan(
-    gait: Gait, fit: StridesFit, options: argparse.Namespace
-) -> tuple[Gait, np.ndarray, Summary]:
+def _replan(gait: Gait, fit: StridesFit) -> tuple[Gait, Summary]:
     """Plan the gait again for a fitted robot, unless the robot makes its strides.
 
     Returns:
-        The gait, the wires' heat after planning, and a summary of the fit and the gait.
+        The gait, and a summary of the fit and the gait.
     """
-    began = time.monotonic()
-    if gait.in_space and fit.made >= MIN_KEPT_STRIDE_SHARE:
-        planned = gait
-        sentence = f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
-    else:
-        planned, sentence = replan_gait(gait, fit)
-    pause = time.monotonic() - began if options.port else STANDING_TIME
+    planned = gait
+    sentence = f"the gait is kept, of whose stride the robot makes {fit.made:.0%}"
+    if fit.made < MIN_KEPT_STRIDE_SHARE:
+        planned, sentence = replan_gait(gait, fit.robot)
     values = {}
     lines = []
     for name, estimate in fit.estimates.items():
         values[name] = estimate.value
         lines.append(f"{name} {estimate}")
     entries = [Entry("strides_fit", values, "", "\n".join(lines)), Entry("replanned", sentence)]
-    return planned, fit.heat_after(pause), Summary(entries)
+    return planned, Summary(entries)
 
 
-def replan_gait(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
-    """Return a gait of the fitted robot, or the former gait, and the reason in words.
+def replan_gait(gait: Gait, robot: RobotParameters) -> tuple[Gait, str]:
+    """Return a gait in space of a fitted robot, or the former gait, and the reason in words.
 
-    The former gait stays if no new gait walks as planned; in space also if it is as fast as the new
-    gait on the fitted robot in MuJoCo.
+    The former gait stays if no new gait walks as planned, or if the former gait is as fast as the
+    new one on the fitted robot in MuJoCo.
     """
     margin = gait.parameters.temperature_limits.maximum - gait.wire_temperature.max()
     objective: Any = gait.check.objective
     try:
         planned = plan_gait(
-            fit.robot,
+            robot,
             schedule=gait.schedule,
             objective=objective,
             temperature_margin=max(0.0, margin),
             turn=gait.turn,
             stride=0.0 if gait.on_the_spot else None,
-            steadiness=None if gait.in_space else gait.check.steadiness,
             sticking_share=gait.check.sticking_share,
             intervals=sum(gait.intervals),
             near=gait,
@@ -479,11 +469,10 @@ def replan_gait(gait: Gait, fit: StridesFit) -> tuple[Gait, str]:
         )
     except PlanningError as error:
         return gait, f"the gait is kept: {error}"
-    if gait.in_space:
-        former = simulate_gait(gait, "", fit.robot, FIRST_STRIDES)
-        former_speed = 0.0 if former.fall else former.strides[-1] * gait.reach / gait.period
-        if former_speed >= planned.reach / planned.period:
-            return gait, "the gait is kept, as a new one is no faster on such feet"
+    former = simulate_gait(gait, "", robot, FIRST_STRIDES)
+    former_speed = 0.0 if former.fall else former.strides[-1] * gait.reach / gait.period
+    if former_speed >= planned.reach / planned.period:
+        return gait, "the gait is kept, as a new one is no faster on such feet"
     return planned, f"{1e3 * planned.speed:.2f} mm/s, after {1e3 * gait.speed:.2f} mm/s"
 
 
@@ -616,10 +605,10 @@ COMMANDS = {
             Option(
                 "--replan",
                 action="store_true",
-                help="walk two strides, fit friction, stiffness, torques and heat to them (in "
-                "space friction and the heights of feet, to the body's pose), plan the gait anew "
-                "while the robot stands, in space if it makes less than 90%% of a stride, and go "
-                "on by it; files *_first.csv and *_plan.csv have the strides and the gait",
+                help="in space: walk two strides, fit friction and the heights of feet to the "
+                "body's pose, plan the gait anew if it makes less than 90%% of a stride, and walk "
+                "by it once the wires are cool; files *_first.csv and *_gait.csv have the strides "
+                "and the gait",
             ),
             Option(
                 "--controller",

@@ -47,13 +47,13 @@ def robot_panels(robot: RobotParameters, motion: Recording | Gait) -> list[Panel
     if forces is not None:
         of_feet = forces.reshape(len(robot.limbs), -1, len(time))
         axes = "xz" if robot.force_size == 2 else "xyz"
-        curves = [
-            Curve(f"{limb.name.replace('_', ' ')}, {axis}", time, force, color, _DASHES[axis])
-            for limb, color, of_foot in zip(
-                robot.limbs, wire_colors(len(robot.limbs)), of_feet, strict=True
-            )
-            for axis, force in zip(axes, of_foot, strict=True)
-        ]
+        curves = []
+        for limb, color, of_foot in zip(
+            robot.limbs, wire_colors(len(robot.limbs)), of_feet, strict=True
+        ):
+            foot = limb.name.replace("_", " ")
+            for axis, force in zip(axes, of_foot, strict=True):
+                curves.append(Curve(f"{foot}, {axis}", time, force, color, _DASHES[axis]))
         panels.append(Panel("contact force (N)", curves, 230 + 20 * (len(curves) // 6)))
     return panels
 

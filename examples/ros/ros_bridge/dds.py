@@ -4,6 +4,7 @@ Names of topics and types are mangled as in ROS 2: ``/cmd_u_t`` is ``rt/cmd_u_t`
 """
 
 import collections
+import itertools
 import os
 import time
 from collections.abc import Callable
@@ -52,29 +53,27 @@ Bool = _type("Bool", _Message, data=bool)
 
 
 class DdsNode:
-    """A `Node` of the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
+    """A writer and reader of messages in the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
 
-    Its writers are reliable, so that any reader matches; its readers need reliable writers,
-    which is the default of ROS 2. Raises DDSException if there is no network, for example.
+    It never waits. Its writers are reliable, so that any reader matches; its readers need reliable
+    writers, which is the default of ROS 2. Raises DDSException if there is no network, for example.
     """
 
     def __init__(self, topics: Topics):
         domain = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
         reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
-        kept, waiting = (
-            Qos(reliable, Policy.History.KeepLast(n), Policy.WriterDataLifecycle(autodispose=False))
-            for n in (10, QUEUE_LENGTH)
-        )
-        written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
-        written[topics.state] = String
-        self._writers = {
-            name: DataWriter(domain, Topic(domain, f"rt{name}", kind), kept)
-            for name, kind in written.items()
-        }
-        self._readers = {
-            name: DataReader(domain, Topic(domain, f"rt{name}", kind), waiting)
-            for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items()
-        }
+        lifecycle = Policy.WriterDataLifecycle(autodispose=False)
+        kept = Qos(reliable, Policy.History.KeepLast(10), lifecycle)
+        waiting = Qos(reliable, Policy.History.KeepLast(QUEUE_LENGTH), lifecycle)
+        # Open a writer or reader for each topic.
+        self._writers = {}
+        self._readers = {}
+        numbers = Float64MultiArray
+        written = {topics.sensors: numbers, topics.plan: numbers, topics.state: String}
+        for name, kind in written.items():
+            self._writers[name] = DataWriter(domain, Topic(domain, f"rt{name}", kind), kept)
+        for name, kind in {topics.duty: numbers, topics.run: Bool}.items():
+            self._readers[name] = DataReader(domain, Topic(domain, f"rt{name}", kind), waiting)
 
     def publish(self, topic: str, message: Message) -> None:
         """Write a message."""
@@ -88,7 +87,7 @@ class DdsNode:
 
     def take(self) -> list[ReceivedMessage]:
         """Return the newest message of each writer since the last call."""
-        return [written for name in self._readers for written in self._take(name)]
+        return list(itertools.chain(*map(self._take, self._readers)))
 
     def _take(self, name: str) -> list[ReceivedMessage]:
         # Find the newest message of each writer, and count its messages.
@@ -100,16 +99,13 @@ class DdsNode:
                 writer = sample.sample_info.publication_handle
                 newest[writer] = sample
                 counts[writer] += 1
-        return [
-            ReceivedMessage(
-                name,
-                writer,
-                _value(reader.topic.data_type.__idl__.deserialize, sample),
-                (time.time_ns() - sample.sample_info.source_timestamp) * 1e-9,
-                counts[writer],
-            )
-            for writer, sample in newest.items()
-        ]
+        # Decode them.
+        received = []
+        for writer, sample in newest.items():
+            value = _value(reader.topic.data_type.__idl__.deserialize, sample)
+            delay = (time.time_ns() - sample.sample_info.source_timestamp) * 1e-9
+            received.append(ReceivedMessage(name, writer, value, delay, counts[writer]))
+        return received
 
 
 def _value(decode: Callable[[bytes], Any], data: Undecoded) -> Any:

@@ -21,7 +21,12 @@ from hardware.firmware import guard
 from hardware.replaying import START_TOLERANCE
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import PERIOD, make_simulator, raising_simulation_error
+from limb_systems.simulation import (
+    PERIOD,
+    RecordOptions,
+    make_simulator,
+    raising_simulation_error,
+)
 from ros_bridge.messages import MAX_DUTY_AGE, START_SILENCE, Message, ReceivedCommands, Topics
 
 STARTUP_TIME = 60.0  # s, for the other process on a busy computer
@@ -262,10 +267,10 @@ def _loop(
     entry = builder.AddSystem(PassThrough(len(limb.parameters.wires)))
     builder.ExportInput(entry.get_input_port(), "duty")
     builder.Connect(entry.get_output_port(), limb.GetInputPort("duty"))
-    made = Provenance.now(limb.parameters)
+    options = RecordOptions(provenance=Provenance.now(limb.parameters))
     port = entry.get_output_port()
     # Simulate in real time, and set the duty at each tick.
-    with open_journal(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
+    with open_journal(builder, output, limb, port, options, ended_by_hand=True):
         simulator = make_simulator(builder.Build(), limb.accuracy)
         context = simulator.get_mutable_context()
         duty = simulator.get_system().GetInputPort("duty")

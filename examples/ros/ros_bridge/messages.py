@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -20,8 +19,8 @@ class Topics:
 
     - ``duty``: Float64MultiArray; D (W), in [0, 1].
     - ``run``: Bool; true starts the plan, false stops it.
-    - ``sensors``: Float64MultiArray; [V (W), °C, φ (S), rad].
-    - ``plan``: Float64MultiArray; [time s, φ_ref (S), φ* (S), rad, D (W)].
+    - ``sensors``: Float64MultiArray; [V (W), °C, φ (F), rad].
+    - ``plan``: Float64MultiArray; [time s, φ_ref (F), φ* (F), rad, D (W)].
     - ``state``: String; an object in JSON.
     """
 
@@ -37,9 +36,9 @@ class ReceivedMessage:
     """The newest message of a writer.
 
     - ``topic``: name of its topic.
-    - ``writer``: number of the writer; 0 if it is not known.
+    - ``writer``: number of the writer.
     - ``value``: duty or truth value; or a sentence that says why it is invalid.
-    - ``delay``: time from writing to reading by the clocks of both computers, s; 0 if not known.
+    - ``delay``: time from writing to reading by the clocks of both computers, s.
     - ``count``: number of messages of the writer since the last call.
     """
 
@@ -48,16 +47,6 @@ class ReceivedMessage:
     value: Sequence[float] | bool | str
     delay: float = 0.0
     count: int = 1
-
-
-class Node(Protocol):
-    """A writer and reader of messages that never waits."""
-
-    def publish(self, topic: str, message: Message) -> None:
-        """Write a message."""
-
-    def take(self) -> list[ReceivedMessage]:
-        """Return the newest message of each writer since the last call."""
 
 
 @dataclasses.dataclass(frozen=True)

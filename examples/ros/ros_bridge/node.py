@@ -9,37 +9,24 @@ import sys
 import time
 from multiprocessing.connection import Connection
 
-from ros_bridge.messages import Listener, Node, Topics
+from ros_bridge.messages import Listener
 
 TURN_TIME = 0.005  # s between two readings
-
-
-def make_node(topics: Topics) -> Node:
-    """Return a node by `rclpy` if it can be imported, else by CycloneDDS.
-
-    Raises:
-        ImportError: if there is neither.
-    """
-    try:
-        from ros_bridge.rclpy_node import RosNode
-
-        return RosNode(topics)
-    except ImportError:
-        from ros_bridge.dds import DdsNode
-
-        return DdsNode(topics)
 
 
 def serve(pipe: Connection) -> None:
     """Publish messages from a pipe and answer with the received commands, until it is closed."""
     topics, num_wires, total_duty = pipe.recv()
     try:
-        node = make_node(topics)
-    except Exception as error:  # of any library
+        from ros_bridge.dds import DdsNode  # CycloneDDS may be missing
+
+        node = DdsNode(topics)
+    except Exception as error:  # of the library
         pipe.send(f"{type(error).__name__}: {error}")
         return
     listener = Listener(topics, num_wires, total_duty)
     pipe.send("")
+    # Publish what the pipe brings, and answer with the commands.
     while True:
         previous = listener.received
         is_asked = pipe.poll(TURN_TIME)
