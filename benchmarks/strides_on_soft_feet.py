@@ -5,7 +5,10 @@ stride is then simulated in MuJoCo, with the heat held to the plan, on robots of
 each limb differ by up to 10%, rest angles by 0.5°, friction by 30%, and hips by 1 mm in height and
 place.
 
-    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 20000 1000 200] [--replan]
+With ``--level`` a scale of 1 g weighs what each foot of the standing robot carries, and shims below
+the feet take out the warp that this tells.
+
+    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 200] [--level] [--replan]
 """
 
 import argparse
@@ -14,15 +17,18 @@ import dataclasses
 
 import numpy as np
 
+from limb_systems import simulate
 from planners import PlanningError
-from walking import Gait, RobotParameters, plan_gait
+from walking import Gait, Robot, RobotParameters, plan_gait
 from walking.commands.gaits import MIN_KEPT_STRIDE_SHARE, replan_gait
 from walking.gait_check import scale_limb, simulate_gait, with_friction
 from walking.in_mujoco import simulate_in_mujoco
-from walking.strides import fit_strides
+from walking.strides import fit_strides, warp_pattern, with_warp_and_friction
 
 MARGIN = 5.0  # °C
 HIPS = 1e-3  # m
+GRAM = 9.81e-3  # N, a step of a kitchen scale
+STANDING_TIME = 1.5  # s, until the robot rests on its feet
 
 
 def drawn(robot: RobotParameters, seed: int) -> RobotParameters:
@@ -36,6 +42,16 @@ def drawn(robot: RobotParameters, seed: int) -> RobotParameters:
             segment.rest_angle += np.deg2rad(uniform(-0.5, 0.5))
             segment.rest_angle_e3 += np.deg2rad(uniform(-0.5, 0.5))
     return robot
+
+
+def leveled(robot: RobotParameters) -> RobotParameters:
+    """Return a robot with shims that take out the warp that a scale of 1 g tells."""
+    cold = np.zeros(len(robot.as_single_limb.wires))
+    forces = simulate(Robot(robot, time_step=2e-3), cold, STANDING_TIME).contact_force
+    assert forces is not None
+    loads = GRAM * np.round(forces[2::3, -1] / GRAM)
+    warp = -loads @ warp_pattern(robot) / robot.contact_stiffness
+    return with_warp_and_friction(robot, -warp, 0.0)
 
 
 def replanned(gait: Gait, robot: RobotParameters) -> str:
@@ -54,6 +70,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--draws", type=int, default=10)
     parser.add_argument("--replan", action="store_true", help="plan anew where a stride is < 0.9")
+    parser.add_argument("--level", action="store_true", help="weigh the feet, and shim them")
     parser.add_argument("--only", type=int, nargs="+", help="draws (default: the first ones)")
     parser.add_argument("--stiffness", type=float, nargs="+", default=[2e4, 1e3, 200.0])
     options = parser.parse_args()
@@ -68,11 +85,14 @@ def main() -> None:
             continue
         print(f"{stiffness:g} N/m: {gait!r}", flush=True)
         for seed in options.only or range(options.draws):
-            made = simulate_gait(gait, "", drawn(robot, seed), 2)
+            other = drawn(robot, seed)
+            if options.level:
+                other = leveled(other)
+            made = simulate_gait(gait, "", other, 2)
             shares = ", ".join(f"{share:.2f}" for share in made.strides)
             print(f"  draw {seed}: {shares} {made.fall}", flush=True)
             if options.replan and made.strides[-1:] and made.strides[-1] < MIN_KEPT_STRIDE_SHARE:
-                print(f"    {replanned(gait, drawn(robot, seed))}", flush=True)
+                print(f"    {replanned(gait, other)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -191,7 +191,7 @@ def measure_strides(
     assert recording.body_pose is not None
     # Angles go on beyond π; positions, in m, never jump by so much.
     pose = np.unwrap(recording.body_pose, axis=1)
-    return gait.progress(recording.interpolated(pose, starts))
+    return gait.progress(np.array([np.interp(starts, recording.time, row) for row in pose]))
 
 
 def find_fall(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:

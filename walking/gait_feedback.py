@@ -14,7 +14,7 @@ from pydrake.systems.framework import EventStatus
 
 from controllers.estimator import StateEstimate
 from controllers.plan_controller import SampledPlan
-from controllers.plan_feedback import PlanFeedback
+from controllers.plan_feedback import PROPORTIONAL_GAIN, PlanFeedback
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
@@ -156,7 +156,7 @@ class GaitFeedback(PlanFeedback):
         # Correct bends that are far from the plan's.
         error = self._predicted_error(time, estimate, state)
         beyond = error - np.clip(error, -MAX_ERROR, MAX_ERROR)
-        return duty, self._proportional * beyond
+        return duty, PROPORTIONAL_GAIN * beyond
 
     def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
         return estimate.offset - self._planned_offset[self._plan.index(time)]

@@ -149,6 +149,6 @@ def _body_motion(recording: Recording, start: float, period: float) -> np.ndarra
     assert recording.body_pose is not None
     times = start + period * np.linspace(0.0, 1.0, NUM_POSES)
     pose = np.unwrap(recording.body_pose, axis=1)
-    x, y, _, roll, pitch, yaw = recording.interpolated(pose, times)
+    x, y, _, roll, pitch, yaw = (np.interp(times, recording.time, row) for row in pose)
     moved = rotate_to_heading(np.array([x - x[0], y - y[0]]), yaw[0])
     return np.vstack([moved, yaw - yaw[0], roll, pitch])

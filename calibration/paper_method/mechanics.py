@@ -587,12 +587,17 @@ def _fit_recording(parameters, recording: Recording):
         still = MotionSteps(
             times, np.tile(start, (num_steps, 1)), np.zeros((num_steps, len(NODES), len(swing)))
         )
-        by_motion = model.dynamics.by_motion
-        cold = np.tile(model.wires.cold_states, (num_steps, len(NODES), 1))
-        scales = np.repeat([ANGLE_SCALE, 1.0], len(swing))
-        motion = solve_steps(by_motion.values, by_motion.dense_slopes, still, cold, scales)
-        joint_angles = motion.start[:, : len(swing)].T
-        bends = sensor.apparent_bends(limb.segments[0].chain, joint_angles)
+        dynamics = model.dynamics
+        cold = np.tile(dynamics.wires.cold_states, (num_steps, len(NODES), 1))
+        motion = solve_steps(
+            dynamics.by_motion.values,
+            dynamics.by_motion.dense_slopes,
+            still,
+            cold,
+            np.repeat([ANGLE_SCALE, 1.0], len(swing)),
+        )
+        angles = motion.start[:, : len(swing)].T
+        bends = sensor.apparent_bends(limb.segments[0].chain, angles)
         return fit_damped_sinusoid(times[:-1], direction @ bends)
 
     # Fit the sinusoid near the model's frequency.

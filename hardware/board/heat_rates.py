@@ -7,7 +7,7 @@ import numpy as np
 
 from hardware.firmware import heat
 from limb_systems.heat_bounds import RATE_FACTORS, HeatBounds
-from limb_systems.low_pass import low_pass
+from limb_systems.low_pass import feed_back, low_pass
 
 # Bounds raise the slowest cooling to this many times the slowest cooling of the wire's kind.
 MAX_COOLING_FACTOR = 1.75
@@ -118,11 +118,8 @@ def unit_temperature_rise(
     """Return the rise (K), °C, after each step, of a wire whose a2 is one."""
     silicone = heat.SILICONE_RATE
     steps = interval * np.array([[-cooling, cooling], [silicone * share, -silicone]]) + np.eye(2)
-    # The wire's rise follows the duty of this step and of the last one by two low-pass filters.
-    last_duty = np.append(0.0, duty[:-1])
-    driven = interval * (duty - steps[1, 1] * last_duty)
-    slow, fast = np.linalg.eigvals(steps)
-    return low_pass(low_pass(driven, slow, 1.0), fast, 1.0)
+    heat_of_duty = interval * np.convolve(duty, [1.0, -steps[1, 1]])[: len(duty)]
+    return feed_back(heat_of_duty, [np.trace(steps), -np.linalg.det(steps)])
 
 
 def first_order_lag(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:

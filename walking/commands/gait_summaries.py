@@ -9,6 +9,8 @@ from limb_systems.summary import Entry, Summary
 from walking.gait import Gait
 from walking.gait_check import find_fall, measure_strides
 
+FIRST_STRIDE_REMARK = "from the second on, as the first begins from straight limbs"
+
 
 def gait_summary(gait: Gait) -> Summary:
     """Summarize a gait: its motion, the contacts of its feet, its solver and its check."""
@@ -41,9 +43,9 @@ def gait_summary(gait: Gait) -> Summary:
         "gaits of less are faster and tip over sooner",
         *([check.remark.rstrip(".")] if check.remark else []),
     ]
-    announced = ""
+    announced = FIRST_STRIDE_REMARK
     if check.made != 1.0:
-        announced = f"the stride of the simulation, {check.made:.1%} of the program's"
+        announced += f"; strides of the simulation, {check.made:.1%} of the program's"
     failure = None if check.is_missing else check.failure()
     return gait.summary() + Summary.of(
         {
@@ -105,6 +107,7 @@ def walk_summary(gait: Gait, recording: Recording, starts: np.ndarray) -> Summar
         sentence = ", ".join(map("{:.1f}".format, scale * strides)) + unit
         sentence += f" in {', '.join(map('{:.1f}'.format, durations))} s"
     sentence += f"; {scale * planned:.1f}{unit} in {gait.period:.1f} s planned"
+    sentence += f" {FIRST_STRIDE_REMARK}"
     if fall:
         places = recording.body_pose[: 2 if gait.in_space else 1]
         moved = np.diff(recording.interpolated(places, np.array([starts[0], end])))
