@@ -118,7 +118,9 @@ def law_torque(law: WireLaw) -> SmoothFunction | NumericFunction:
     return _law_function(law, "torque", torque, 1, (-1.0, 1.0))
 
 
-def law_points(law: WireLaw, heat: np.ndarray, T0: np.ndarray, last: np.ndarray) -> np.ndarray:
+def law_points(
+    law: WireLaw, heat: np.ndarray, T0: np.ndarray, last: np.ndarray | float
+) -> np.ndarray:
     """Return the points (P, ...) of a law's functions: heat, T0, the law's N fields, and an input.
 
     Args:
@@ -231,15 +233,18 @@ def _probe_points(
     for (state, scale), cold in zip(law.states.items(), default_law.cold_states(20.0), strict=True):
         low, high = law.memory.get(state, (-np.inf, np.inf))
         is_temperature = law.is_temperature(state)
-        usual = (0.0, MAX_PROBE_TEMPERATURE) if is_temperature else (cold - scale, cold + 3 * scale)
-        ranges.append((max(low, usual[0]), min(high, usual[1])))
+        lowest, highest = (
+            (0.0, MAX_PROBE_TEMPERATURE) if is_temperature else (cold - scale, cold + 3 * scale)
+        )
+        ranges.append((max(low, lowest), min(high, highest)))
     ranges += [(0.0, MAX_PROBE_TEMPERATURE), (0.0, MAX_PROBE_ROOM)]
     # Fields, about their defaults.
     metadata = {field.name: field.metadata for field in dataclasses.fields(law)}  # type: ignore[arg-type]
     for name in names:
         default = getattr(default_law, name)
         usual = sorted([default / PROBE_RATIO, default * PROBE_RATIO]) if default else [0.0, 0.1]
-        ranges.append(tuple(np.clip(usual, *metadata[name]["range"])))
+        low, high = np.clip(usual, *metadata[name]["range"]).tolist()
+        ranges.append((low, high))
     ranges.append(input_range)
     # Each value has one point in each of as many parts of its range as there are points.
     random = np.random.default_rng(0)

@@ -56,12 +56,11 @@ class BendAngleController(LeafSystem):
         wires = LimbModel.of(parameters).wires
         # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
         middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
-        (cooler_torque, cooler_duty), (warmer_torque, warmer_duty) = (
-            _holding_torque_and_duty(
-                wires, np.append(np.full(wires.num_wires - 1, middle), middle + change)
-            )
-            for change in (-1.0, 1.0)
-        )
+        temperature = np.full(wires.num_wires, middle)
+        temperature[-1] = middle - 1.0
+        cooler_torque, cooler_duty = _holding_torque_and_duty(wires, temperature)
+        temperature[-1] = middle + 1.0
+        warmer_torque, warmer_duty = _holding_torque_and_duty(wires, temperature)
         steady = (warmer_torque - cooler_torque) / (warmer_duty - cooler_duty)
         gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
         # Choose gains for a loop gain of 1.5 and a zero at the slowest pole.
@@ -89,11 +88,11 @@ class BendAngleController(LeafSystem):
         state = context.get_discrete_state_vector().value()
         integral = state[0]
         was_cut_out = state[1 : 1 + len(self._bend_sign)] > 0.5
-        bend_angle, measured_temperature, set_point = (
-            self.get_input_port(i).Eval(context) for i in range(3)
-        )
+        bend_angle = self.EvalVectorInput(context, 0)[0]
+        measured_temperature = self.EvalVectorInput(context, 1).value()
+        set_point = self.EvalVectorInput(context, 2)[0]
         # Limit the duty by the temperature.
-        error = set_point[0] - bend_angle[0]
+        error = set_point - bend_angle
         switching_temperature = self._cut_out_temperature - CUT_OUT_HYSTERESIS * was_cut_out
         is_cut_out = measured_temperature >= switching_temperature
         room = self._cut_out_temperature - measured_temperature  # °C
@@ -163,14 +162,18 @@ class EquilibriumSchedule(LeafSystem):
         return context.get_discrete_state_vector()[0] >= len(self._angles)
 
     def _start(self, context, discrete_state):
-        inputs = [self.get_input_port(i).Eval(context) for i in range(2)]
-        discrete_state.set_value(np.concatenate([np.zeros(3), *inputs]))
+        discrete_state.set_value(np.append(np.zeros(3), self._present(context)))
+
+    def _present(self, context: Context) -> np.ndarray:
+        """Return the inputs [φ, V (W)], rad and °C."""
+        measured = self.EvalVectorInput(context, 1).value()
+        return np.append(self.EvalVectorInput(context, 0)[0], measured)
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
         (index, time_held, time_settled) = state[:3]
         average = state[3:]
-        present = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
+        present = self._present(context)
         if np.isnan(state).any() or np.isnan(present).any():  # a board may miss a reading
             average = np.where(np.isfinite(average), average, present)
             present = np.where(np.isfinite(present), present, average)

@@ -114,7 +114,10 @@ class Knowledge:
             ambient = ambient_temperature(self._recordings).value
             segment = copy.deepcopy(only_segment(self._described))
             segment.rest_angle = rest_angles(self._recordings, ambient)[0].value
-            runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
+            runs = []
+            for recording in self._recordings:
+                if recording.duty.any():
+                    runs.append(HeatedRun.of(recording))
             with threadpool_limits(1, "blas"):
                 self._fit_so_far = fit_law(self.LAW, runs, segment, ambient)
         return self._fit_so_far

@@ -108,8 +108,8 @@ class ShapeMemoryWires(LeafSystem):
         )
 
     def _step(self, context, discrete_state):
-        strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
-        duty = self.get_output_port(3).Eval(context).tolist()
+        strain = self._strain @ self.EvalVectorInput(context, 1).value()[: self._num_joints]
+        duty = self._applied_duty(context).tolist()
         state = self._state(context)
         strain_change = ((strain - state[3]) / self._num_steps).tolist()
         for _ in range(self._num_steps):
@@ -181,8 +181,11 @@ class ShapeMemoryWires(LeafSystem):
         output.SetFromVector(self._torque @ stress)
 
     def _calc_duty(self, context, output):
-        duty = self.get_input_port(0).Eval(context)
-        output.SetFromVector(PWM_STEP * np.rint(duty / PWM_STEP))
+        output.SetFromVector(self._applied_duty(context))
+
+    def _applied_duty(self, context) -> np.ndarray:
+        """Return D (W) in the steps of the PWM."""
+        return PWM_STEP * np.rint(self.EvalVectorInput(context, 0).value() / PWM_STEP)
 
 
 def _logistic(x: float) -> float:

@@ -202,12 +202,12 @@ class CutOut(LeafSystem):
 
     def _update_cut_out(self, context, discrete_state):
         limit = context.get_numeric_parameter(0)[0]
-        if max(self.get_input_port(1).Eval(context)) >= limit:
+        if self.EvalVectorInput(context, 1).value().max() >= limit:
             discrete_state.set_value([1.0])
 
     def _calc_duty(self, context, output):
         is_cut_out = context.get_discrete_state_vector()[0]
-        duty = self.get_input_port(0).Eval(context)
+        duty = self.EvalVectorInput(context, 0).value()
         output.SetFromVector(0 * duty if is_cut_out else duty)
 
 

@@ -149,7 +149,7 @@ class SampledSensors(LeafSystem):
 
     def _sample(self, index: int, context, state):
         sensor = self._sensors[index]
-        signal = sensor.response(self.get_input_port(index).Eval(context))
+        signal = sensor.response(self.EvalVectorInput(context, index).value())
         random_numbers = self._draw(state, 2 * sensor.size)
         noise = random_numbers[: sensor.size]
         random_step = random_numbers[sensor.size :]

@@ -18,6 +18,7 @@ from calibration import (
     LimitedDuty,
     collect_equilibria,
     collect_from_robot,
+    collect_sag,
     excitations,
     fit_law,
     fit_stiffness,
@@ -32,6 +33,7 @@ from limb_systems import (
     ChordSensor,
     HystereticLaw,
     Limb,
+    LimbError,
     LimbParameters,
     LinearLaw,
     Recording,
@@ -156,10 +158,23 @@ def test_a_wire_without_a_reading_gets_no_duty():
     schedule.GetInputPort("bend_angle").FixValue(context, [0.1])
     measured = schedule.GetInputPort("measured_temperature").FixValue(context, [25.0, np.nan])
     simulator = Simulator(schedule, context)
-    simulator.AdvanceTo(1.0)
-    measured.GetMutableData().set_value([25.0, 25.0])
     simulator.AdvanceTo(20.0)
+    assert not schedule.is_finished(context)  # no slope is known
+    measured.GetMutableData().set_value([25.0, 25.0])
+    simulator.AdvanceTo(40.0)
     assert schedule.is_finished(context)
+
+
+def test_a_robot_is_closed_if_its_recording_fails():
+    limb = LimbTwin(seed=0)
+    with (
+        mock.patch.object(LimbTwin, "real_time", True),
+        mock.patch.object(LimbTwin, "close", create=True) as close,
+        mock.patch("hardware.replaying.record", side_effect=LimbError("the board is silent")),
+        pytest.raises(LimbError, match="the board is silent"),
+    ):
+        collect_sag(limb)
+    close.assert_called_once()
 
 
 def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, bool]:
