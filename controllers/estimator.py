@@ -241,21 +241,31 @@ class Estimator:
         )
 
     def read(
-        self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
+        self,
+        vector: np.ndarray,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
         """Return a packed estimate after `correct`, or `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
-        return self.correct(self.unpack(vector), readings, bend_angle)
+        return self.correct(self.unpack(vector), readings, bend_angle, known_offset)
 
     def unpack(self, vector: np.ndarray) -> StateEstimate:
         """Return the estimate in a vector of `pack`."""
         return unpack(vector, self._template)
 
     def correct(
-        self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
+        self,
+        estimate: StateEstimate,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
         """Return the estimate after readings, as for `begin`, as far as they are believed.
+
+        Bends from outside that are known (F,), rad, need not be estimated, and do not count.
 
         A thermocouple that reads hotter than expected is believed beyond the gate, too, because a
         wrong estimate must not overheat a wire: its wire is taken to be so much hotter. After a
@@ -277,7 +287,7 @@ class Estimator:
 
         # Believe the readings that are within the gate of the prediction.
         model_bend, C = self._measurement_model(estimate.heat)
-        bend = self._without_sensor_errors(bend_angle)
+        bend = self._without_sensor_errors(bend_angle) - known_offset
         expected_bend = model_bend + estimate.offset + estimate.drift
         innovations = np.concatenate(
             [readings - model.readings(estimate.heat), bend - expected_bend]

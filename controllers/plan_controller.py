@@ -62,10 +62,11 @@ class PlanController(LeafSystem):
 
     def _update(self, context, state) -> None:
         # Estimate the limb's state from the readings.
-        readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
-        estimate = self._estimator.read(state.value(1), readings, bend)
-        # Find the duty within the caps that makes the desired bend rates.
         time = self._plan_time(context)
+        readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
+        known_offset = self._known_offset(time)
+        estimate = self._estimator.read(state.value(1), readings, bend, known_offset)
+        # Find the duty within the caps that makes the desired bend rates.
         caps = self._limiter.caps(estimate, self._temperature_limit(time, estimate))
         base, bend_rate = self._desired_duty(time, estimate, caps, state)
         base = np.clip(base, 0.0, caps)
@@ -89,6 +90,10 @@ class PlanController(LeafSystem):
             state: the discrete values, for subclasses with more of them.
         """
         raise NotImplementedError
+
+    def _known_offset(self, time: float) -> np.ndarray | float:
+        """Return the bends (F,), rad, that the plan has from outside; none by default."""
+        return 0.0
 
     def _gains_at(self, time: float) -> np.ndarray:
         """Return the bend rates by full duty of each wire (F, W), rad/s, as for `allocate`."""

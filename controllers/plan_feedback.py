@@ -126,8 +126,7 @@ class PlanFeedback(PlanController):
         return plan.bend_angle[periods], plan.reference[periods], plan.duty[periods]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        unplanned = self._unplanned_offset(time, estimate)
-        to_hold = self._estimator.model.temperature_to_hold(unplanned)
+        to_hold = self._estimator.model.temperature_to_hold(estimate.offset)
         limits = self._parameters.temperature_limits
         highest = self._highest[self._plan.index(time)] + self._max_excess + to_hold
         limit = np.maximum(highest, limits.warm + WARM_MARGIN)
@@ -135,10 +134,6 @@ class PlanFeedback(PlanController):
             margin = limits.maximum - self._uncalibrated_margin
             limit = np.minimum(limit, np.maximum(margin, self._highest.max(axis=0)))
         return limit
-
-    def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        """Return the bends (F,), rad, from outside that the plan does not have."""
-        return estimate.offset
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """Return the mean of T (..., W), °C, over the segment of each wire (..., W)."""
