@@ -12,7 +12,7 @@ that it bears, the duty goes on. The fault is there from the beginning, or comes
 while the wire is hot. Half of the runs are with three times the noise of the
 emulated thermocouples. The board has the bounds of the described kind, or those
 fitted to a warm-up with the good thermocouple; limbs are emulated ones, or of
-another physics, those of other_limbs.py. With more than two wires they bend about two axes.
+the physics "continuum". With more than two wires they bend about two axes.
 """
 
 import argparse
@@ -22,10 +22,10 @@ import itertools
 import random
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
-from other_limbs import OtherLimb
+import witness  # noqa: F401 (its physics)
 from simulated_board import SimulatedBoard
 
 from calibration.collecting.collect import collect_warm_up
@@ -34,17 +34,18 @@ from calibration.heat_bounds_fit import fit_heat_bounds
 from hardware import LimbTwin
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.firmware import guard
-from limb_systems import LimbParameters, LimbSystem, Recording
+from limb_systems import LimbParameters, Recording
 from soft_limb.runs.jobs import run_each
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
 DUTIES = (0.1, 0.3, 0.5, 1.0)
-NOISES = (1, 3)  # times that of the emulated thermocouples
+NOISES = (1, 3)  # times the noise of the emulated thermocouples
 HOTTEST = 130.0  # °C, true, that no wire should pass
 WARM_TIME = 10.0  # s of the duty before a fault comes
 LONGEST = 30.0  # s with the fault; by then the most that a wire can have was reached
 SIDES = ("left", "right")
-FROM_BEGINNING, WHEN_HOT = "from the beginning", "when hot"
+FROM_BEGINNING = "from the beginning"
+WHEN_HOT = "when hot"
 
 # Orders of `Emulation.inject_fault`, where {side} is the heated wire's.
 FAULTS = {
@@ -77,7 +78,7 @@ WITHOUT_DUTY = ("thermocouple open", "bend sensor frozen", "clock stands still")
 
 
 def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
-    """Fault, when, duty, noise and limb of each run, of faults whose name contains the part."""
+    """Return fault, when, duty, noise and limb of each run, of faults by a part of their name."""
     jobs = []
     for fault, when in itertools.product(FAULTS, (FROM_BEGINNING, WHEN_HOT)):
         if part not in fault or (when == WHEN_HOT and not FAULTS[fault]):
@@ -89,37 +90,43 @@ def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
 
 
 def prepare(board: SimulatedBoard, noise: int) -> None:
-    """Adds noise to the thermocouples, and waits until the board can be armed."""
+    """Add noise to the thermocouples, and waits until the board can be armed."""
     for name in board.parameters.wire_names:
         extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
         board.emulation.inject_fault(f"jitter {name} {extra}")
     board.run(1.0)
 
 
-@functools.cache
-def with_fitted_bounds(make: Callable[..., LimbSystem], seed: int) -> LimbParameters:
-    """A limb's parameters with the bounds that its warm-up shows."""
-    limb = make(seed=seed)
+def with_fitted_bounds(physics: str, seed: int) -> LimbParameters:
+    """Return a limb's parameters with the bounds that its warm-up shows."""
+    limb = LimbTwin(seed=seed, physics=physics)
     set_bounds(limb.parameters, [collect_warm_up(limb)], WARM_UP_MARGIN)
     return limb.parameters
 
 
 def set_bounds(limb: LimbParameters, recordings: list[Recording], margin: float) -> None:
-    """Gives wires the bounds that recordings show."""
+    """Give wires the bounds that recordings show."""
     for wire, bounds in zip(limb.wires, fit_heat_bounds(recordings, limb, margin), strict=True):
         wire.heat_bounds = bounds
 
 
 def run_fault(
-    job: tuple[str, str, float, int, int], fitted: bool = False, other: bool = False, wires: int = 2
+    job: tuple[str, str, float, int, int],
+    physics: str = "lumped",
+    wires: int = 2,
+    fitted: Mapping[int, LimbParameters] | None = None,
 ) -> dict:
-    """One run; what became of it."""
+    """Run a fault once, and return its result.
+
+    Args:
+        fitted: parameters with bounds that were fitted, by seed; bounds of the kind if None.
+    """
     fault, when, duty, noise, seed = job
     random.seed(repr(job))
     wire = seed % wires
-    make = OtherLimb if other else LimbTwin
-    parameters = with_fitted_bounds(make, seed) if fitted else None
-    limb = make(seed=seed) if wires == 2 else LimbTwin(LimbParameters.in_space(wires), seed=seed)
+    parameters = fitted[seed] if fitted else None
+    described = LimbParameters() if wires == 2 else LimbParameters.in_space(wires)
+    limb = LimbTwin(described, seed=seed, physics=physics)
     board = SimulatedBoard(limb, parameters, step=STEP)
     orders = [order.format(side=board.parameters.wire_names[wire]) for order in FAULTS[fault]]
     duties = [duty * (wire == other or not orders) for other in range(wires)]
@@ -135,7 +142,8 @@ def run_fault(
         for order in orders:
             board.emulation.inject_fault(order)
         armed = board.newest.armed  # it may have been too hot already
-    start, off = board.now, None
+    start = board.now
+    off = None
     while armed and board.now < start + LONGEST:
         board.run(0.05, duties)
         hottest = max(hottest, board.emulation.board.wire_temperature().max())
@@ -175,14 +183,16 @@ def main() -> None:
     parser.add_argument("--limbs", type=int, default=50)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--fitted", action="store_true", help="bounds are fitted to a warm-up")
-    parser.add_argument("--other", action="store_true", help="limbs are of another physics")
+    parser.add_argument("--other", action="store_true", help="limbs are a continuum")
     parser.add_argument("--wires", type=int, default=2, help="of each limb")
     parser.add_argument("--fault", help="only faults whose name contains this")
     options = parser.parse_args()
     start = time.perf_counter()
-    run = functools.partial(
-        run_fault, fitted=options.fitted, other=options.other, wires=options.wires
-    )
+    physics = "continuum" if options.other else "lumped"
+    fitted = {}
+    for seed in range(options.limbs if options.fitted else 0):
+        fitted[seed] = with_fitted_bounds(physics, seed)
+    run = functools.partial(run_fault, physics=physics, wires=options.wires, fitted=fitted)
     jobs = fault_jobs(options.limbs, options.fault or "")
     results = []
     with contextlib.suppress(KeyboardInterrupt):  # which shows what there is

@@ -96,7 +96,7 @@ class Problem:
 
 
 def run(problem: dict, time_limit: float, **options) -> dict:
-    """Builds a `Solver` with these options and solves twice.
+    """Build a `Solver` with these options and solve twice.
 
     Args:
         problem: the fields of `Problem`.
@@ -118,19 +118,21 @@ def run(problem: dict, time_limit: float, **options) -> dict:
 
 
 def link_masses(problem: Problem) -> np.ndarray:
-    """C (n, n), kg·m², of the mass matrix C_ij cos(φi - φj) in link angles φ.
+    """Return C (n, n), kg·m², of the mass matrix C_ij cos(φi - φj) in link angles φ.
 
     The centre of link i is at Σ_j G_ij e(φj), with e a unit vector.
     """
     n = problem.links
-    link, mass = problem.length / n, problem.mass / n
+    link = problem.length / n
+    mass = problem.mass / n
     G = link * (np.tri(n, k=-1) + np.eye(n) / 2)
     return mass * (G.T @ G + (link**2 + problem.thickness**2) / 12 * np.eye(n))
 
 
 def inverse_dynamics(problem: Problem, angles: ca.SX, rates: ca.SX, accelerations: ca.SX) -> ca.SX:
-    """Joint torques (n, 1), N·m, that go with θ, θ̇ and θ̈, each (n, 1): eqn (1)."""
-    C, n = link_masses(problem), problem.links
+    """Return the joint torques (n, 1), N·m, of θ, θ̇ and θ̈, each (n, 1): eqn (1)."""
+    C = link_masses(problem)
+    n = problem.links
     phi, phi_dot, phi_ddot = (ca.cumsum(x) for x in (angles, rates, accelerations))
     on_links = [
         sum(
@@ -161,11 +163,13 @@ class PointFunctions:
 
     def __init__(self, problem: Problem, form: Form, order: int):
         n = problem.links
-        y, a = ca.SX.sym("y", 2 * n + 1), ca.SX.sym("a", n)
+        y = ca.SX.sym("y", 2 * n + 1)
+        a = ca.SX.sym("a", n)
         multipliers = ca.SX.sym("mu", n)
         residual = inverse_dynamics(problem, y[:n], y[n : 2 * n], a) - y[2 * n]
         if form == "implicit":
-            y, value = ca.vertcat(y, a), residual / problem.stiffness
+            y = ca.vertcat(y, a)
+            value = residual / problem.stiffness
         else:
             factors = ca.ldl(ca.jacobian(residual, a), False)
             value = ca.ldl_solve(-ca.substitute(residual, a, ca.SX.zeros(n)), *factors)
@@ -180,7 +184,7 @@ class PointFunctions:
         if order > 1:
             if form == "implicit":
                 hessian = ca.hessian(ca.dot(multipliers, value), y)[0]
-            else:  # that of μᵀa is that of -wᵀR along (y, a(y)), with R_aᵀ w = μ
+            else:  # the Hessian of μᵀa equals that one of -wᵀR along (y, a(y)), R_aᵀ w = μ
                 w = ca.SX.sym("w", n)
                 curvature = ca.substitute(
                     ca.hessian(ca.dot(w, residual), ca.vertcat(y, a))[0],
@@ -205,8 +209,7 @@ class Solver:
     Args:
         problem: fixes the limb and the times of the knots.
         form: see the module's docstring.
-        hessian: of the Lagrangian, "exact", or that of the cost alone,
-            "gauss-newton".
+        hessian: "exact", of the Lagrangian, or "gauss-newton", of the cost alone.
         time_limit: s, for one solution.
     """
 
@@ -218,18 +221,22 @@ class Solver:
         time_limit: float = 120.0,
     ):
         self._form = form
-        n, num_points = problem.links, 2 * len(problem.times) - 1
+        n = problem.links
+        num_points = 2 * len(problem.times) - 1
         sizes = [n, n, 2, 2, 2, n if form == "implicit" else 0]
         scales = [ANGLE_SCALE, RATE_SCALE, TEMPERATURE_SCALE, TEMPERATURE_SCALE, 1.0]
         self._scale = np.repeat([*scales, ACCELERATION_SCALE], sizes)[:, None]
         point = PointFunctions(problem, form, 2 if hessian == "exact" else 1)
 
-        guess, target, weights = self._guess(problem), self._target(problem), self._weights(problem)
+        guess = self._guess(problem)
+        target = self._target(problem)
+        weights = self._weights(problem)
         self._cost_scale = min(1.0, 100.0 / (0.5 * np.sum(weights * (guess - target) ** 2)))
         Q = ca.diag(ca.sparsify(ca.DM(self._cost_scale * weights.ravel("F"))))
         A, B, P = collocation(problem, form, self._scale[:, 0])
 
-        x, target = ca.MX.sym("x", guess.size), ca.MX.sym("target", guess.size)
+        x = ca.MX.sym("x", guess.size)
+        target = ca.MX.sym("target", guess.size)
         cost_gradient = ca.densify(ca.mtimes(Q, x - target))
         cost = ca.dot(x - target, cost_gradient) / 2
         arguments = ca.reshape(ca.mtimes(P, x), -1, num_points)
@@ -238,7 +245,8 @@ class Solver:
 
         options = {"ipopt": {**IPOPT_OPTIONS, "max_wall_time": time_limit}, "print_time": False}
         options |= {"no_nlp_grad": True, "calc_lam_p": False}
-        cost_factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", constraints.numel())
+        cost_factor = ca.MX.sym("lam_f")
+        multipliers = ca.MX.sym("lam_g", constraints.numel())
         lagrangian_hessian = cost_factor * ca.MX(Q)
         by_arguments = ca.MX(
             ca.diagcat(*[point.jacobian_sparsity] * num_points),
@@ -269,7 +277,7 @@ class Solver:
         self._solver = ca.nlpsol("solver", "ipopt", program, options)
 
     def solve(self, problem: Problem) -> dict:
-        """Solves from the problem's guess; returns what `run` says."""
+        """Solve from the problem's guess; return results as `run` does."""
         started = time.perf_counter()
         lower, upper = self._bounds(problem)
         result = self._solver(
@@ -296,7 +304,7 @@ class Solver:
         }
 
     def _guess(self, problem: Problem) -> np.ndarray:
-        """Scaled z of the guess (nz, N)."""
+        """Return scaled z of the guess (nz, N)."""
         excess = problem.guess_states - _ambient_state(problem)
         z = np.vstack([excess, problem.guess_duty])
         if self._form == "implicit":
@@ -305,13 +313,13 @@ class Solver:
         return z / self._scale
 
     def _target(self, problem: Problem) -> np.ndarray:
-        """Scaled z that would cost nothing (nz, N)."""
+        """Return scaled z that would cost nothing (nz, N)."""
         z = np.zeros((len(self._scale), len(problem.times)))
         z[: problem.links] = problem.angles_ref
         return z / self._scale
 
     def _weights(self, problem: Problem) -> np.ndarray:
-        """Weights of the squares of scaled z (nz, N), eqn (15)."""
+        """Return weights of the squares of scaled z (nz, N), eqn (15)."""
         n = problem.links
         weights = np.zeros((len(self._scale), len(problem.times)))
         weights[:n] = problem.angle_weight
@@ -320,31 +328,37 @@ class Solver:
         return weights * self._scale**2
 
     def _bounds(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds on scaled z (nz, N), eqns (16) and (18)-(20)."""
+        """Return bounds on scaled z (nz, N), eqns (16) and (18)-(20)."""
         n = problem.links
         lower = np.full((len(self._scale), len(problem.times)), -np.inf)
         upper = -lower
-        wire, duty = slice(2 * n, 2 * n + 2), slice(2 * n + 4, 2 * n + 6)
+        wire = slice(2 * n, 2 * n + 2)
+        duty = slice(2 * n + 4, 2 * n + 6)
         upper[wire] = problem.maximum - problem.ambient
         lower[wire, problem.times > problem.warm_up_time] = problem.warm - problem.ambient
-        lower[duty], upper[duty] = 0.0, 1.0
+        lower[duty] = 0.0
+        upper[duty] = 1.0
         start = problem.initial_state - _ambient_state(problem)[:, 0]
         lower[: 2 * n + 4, 0] = upper[: 2 * n + 4, 0] = start
         return lower / self._scale, upper / self._scale
 
 
 def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM, ca.DM, ca.DM]:
-    """A, B and P of the module's docstring, sparse, for z in units of `scale` (nz,).
+    """Return A, B and P of the module's docstring, sparse, for z in units of `scale` (nz,).
 
-    Rows of g are scaled to the size of the states: those of temperature and,
+    Rows of g are scaled to the size of the states: rows of temperature and,
     in the implicit form, of angle by the time step and the size of a change;
     accelerations by K⁻¹ M(0), to the static deflections that they stand for.
     """
-    n, num_knots, num_variables = problem.links, len(problem.times), len(scale)
+    n = problem.links
+    num_knots = len(problem.times)
+    num_variables = len(scale)
     h = problem.times[1] - problem.times[0]
     pick = np.split(np.diag(scale), np.cumsum([n, n, 2, 2, 2]))
     theta, rate, wire, measured, duty, acceleration = pick
-    a1, a2, a3 = np.diag(problem.a1), np.diag(problem.a2), np.diag(problem.a3)
+    a1 = np.diag(problem.a1)
+    a2 = np.diag(problem.a2)
+    a3 = np.diag(problem.a3)
     wire_rate = a1 @ wire + a2 @ duty
     measured_rate = a3 @ (measured - wire)
     torque = np.array([[-problem.beta[0], problem.beta[1]]])
@@ -357,7 +371,8 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
         return np.hstack([-1.5 / h * x - x_rate / 4, 1.5 / h * x - x_rate / 4])
 
     no_duty_rate = np.zeros_like(duty)
-    mid_wire, mid_measured = middle(wire, wire_rate), middle(measured, measured_rate)
+    mid_wire = middle(wire, wire_rate)
+    mid_measured = middle(measured, measured_rate)
     wire_rows = middle_rate(wire, wire_rate) - a1 @ mid_wire - a2 @ middle(duty, no_duty_rate)
     measured_rows = middle_rate(measured, measured_rate) - a3 @ (mid_measured - mid_wire)
     heat_rows = h / TEMPERATURE_SCALE * np.vstack([wire_rows, measured_rows])
@@ -365,7 +380,8 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
     at_knot = [theta, rate, torque @ wire]
     at_middle = [middle(theta, rate), middle_rate(theta, rate), torque @ mid_wire]
 
-    left, right = ca.DM.eye(num_knots)[:-1, :], ca.DM.eye(num_knots)[1:, :]
+    left = ca.DM.eye(num_knots)[:-1, :]
+    right = ca.DM.eye(num_knots)[1:, :]
 
     def for_intervals(matrix):
         halves = ca.DM(matrix[:, :num_variables]), ca.DM(matrix[:, num_variables:])
@@ -406,5 +422,5 @@ def collocation(problem: Problem, form: Form, scale: np.ndarray) -> tuple[ca.DM,
 
 
 def _ambient_state(problem: Problem) -> np.ndarray:
-    """[θ, θ̇, T, V] at rest, straight and cold (2n + 4, 1)."""
+    """Return [θ, θ̇, T, V] at rest, straight and cold (2n + 4, 1)."""
     return np.repeat([0.0, problem.ambient], [2 * problem.links, 4])[:, None]

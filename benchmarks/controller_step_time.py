@@ -1,4 +1,4 @@
-"""How long one step of a controller takes, for a limb with wires that remember.
+"""The time of one step of each controller, for a limb with wires that remember.
 
 Each controller gets the readings of an emulated limb that follows Fig. 5 by it, one
 step after the other, and nothing else is timed: estimate, feedback, and bounds of duty; every
@@ -25,8 +25,10 @@ from planners import Task, plan, references
 
 
 def main() -> None:
-    planar, across = LimbParameters(), [0.0, -9.81, 0.0]
-    step, circle = references.step_and_decaying_sine(), references.circle(np.radians(12.0), 50.0)
+    planar = LimbParameters()
+    across = [0.0, -9.81, 0.0]
+    step = references.step_and_decaying_sine()
+    circle = references.circle(np.radians(12.0), 50.0)
     planar.segments[0].stiffening = 0.05
     print(f"{'one step':<32}{'median':>10}{'99%':>10}{'largest':>10}")
     for name, parameters, gravity, reference in (
@@ -54,9 +56,10 @@ def main() -> None:
 
 
 def steps(controller, recording) -> list[float]:
-    """s, that each step takes which a recording's readings are given to."""
+    """Return the time of each step of a controller that gets a recording's readings, s."""
     simulator = Simulator(controller)
-    context, times = simulator.get_mutable_context(), []
+    context = simulator.get_mutable_context()
+    times = []
     names = ("measured_temperature", "bend_angle", "duty")
     signals = {n: getattr(recording, n).T for n in names if controller.HasInputPort(n)}
     for number in range(len(recording.time)):

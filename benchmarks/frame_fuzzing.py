@@ -30,7 +30,7 @@ from hardware.firmware.firmware import Firmware  # noqa: E402
 
 
 def valid_frame(rng: random.Random) -> bytes:
-    """A frame as either side sends it, of another session."""
+    """Return a frame as either side sends it, of another session."""
     kind = rng.choice((protocol.COMMAND, protocol.ARM, protocol.BOUNDS, *protocol.BOARD_KINDS[1:]))
     begin, each = protocol.LAYOUTS[kind]
     size = struct.calcsize("<" + begin) + 2 * struct.calcsize("<" + each)
@@ -38,7 +38,7 @@ def valid_frame(rng: random.Random) -> bytes:
 
 
 def mutate(frame: bytes, rng: random.Random) -> bytes:
-    """The frame after something happened to its bytes; never the frame itself."""
+    """Return the frame with a random change of its bytes; never the frame itself."""
     data = bytearray(frame)
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(len(data)) if data else 0
@@ -59,13 +59,14 @@ def mutate(frame: bytes, rng: random.Random) -> bytes:
 
 
 def fuzz(num_frames: int, seed: int) -> dict[str, int]:
-    """Counts of what happened; raises AssertionError if a duty changed."""
+    """Return counts of the results; raise AssertionError if a duty changed."""
     rng = random.Random(seed)
     host_parser = protocol.Parser(protocol.BOARD_KINDS)
     board_parser = protocol.Parser(protocol.KINDS)
     host = Host()
     host.heat()
-    session, duty = host.guard.session, list(host.board.duty)
+    session = host.guard.session
+    duty = list(host.board.duty)
     # Other sessions' frames are not this one's.
     counts = {"frames": num_frames, "accepted as sent": 0, "accepted by chance": 0}
     # A frame that lost its end is whole again when another one begins, which may be some later.
@@ -88,7 +89,7 @@ def fuzz(num_frames: int, seed: int) -> dict[str, int]:
 
 
 def check_guard(subject: guard.Guard, now: int) -> None:
-    """Raises AssertionError if there is duty that should not be, after a tick at that time."""
+    """Raise AssertionError if there is duty that should not be, after a tick at that time."""
     assert all(0.0 <= duty <= 1.0 for duty in subject.duty)
     assert sum(subject.duty) <= subject._total + 1e-9, "more than the power of both"
     if any(subject.duty):
@@ -111,15 +112,19 @@ def check_guard(subject: guard.Guard, now: int) -> None:
 
 
 def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> dict[str, int]:
-    """Counts of frames and of steps with duty; raises AssertionError if there was too much."""
+    """Return counts of frames and steps with duty; raise AssertionError if there was too much."""
     rng = random.Random(seed)
     host = Host(paper)
-    board, program, wires = host.board, host.firmware, len(host.board.wires)
+    board = host.board
+    program = host.firmware
+    wires = len(host.board.wires)
     heated = latched = resets = 0
     for _ in range(num_frames):
         # Mostly what a host sends and a limb reads, so that much of it is while the board heats.
         subject = program.guard
-        before, challenge, cleared = subject.reason, subject.challenge, False
+        before = subject.reason
+        challenge = subject.challenge
+        cleared = False
         what = rng.random()
         if subject.state == guard.DISARMED and what < 0.5:
             # An ARM must not arm what is latched.
@@ -127,10 +132,8 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             clear = protocol.encode(protocol.CLEAR, challenge if cleared else challenge ^ 1)
             bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
             given = heat.NOMINAL_BOUNDS if rng.random() < 0.8 else bounds
-            bounds, total = (
-                [given] + [heat.NOMINAL_BOUNDS] * (wires - 1),
-                rng.uniform(0, 1.05 * wires),
-            )
+            bounds = [given] + [heat.NOMINAL_BOUNDS] * (wires - 1)
+            total = rng.uniform(0, 1.05 * wires)
             arming = subject.challenge, bounds, total, board.pulls
             board.incoming += clear + b"".join(from_host.encode_arming(*arming))
         elif what < 0.97:
@@ -153,11 +156,16 @@ def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> d
             board.reset_cause = rng.randrange(6)
             board.duty = [0.0] * wires
             program = Firmware(board)
-            host.firmware, host.guard = program, program.guard
-            resets, before = resets + 1, guard.NO_REASON
+            host.firmware = program
+            host.guard = program.guard
+            resets = resets + 1
+            before = guard.NO_REASON
         elif what < 0.991:
-            board.wires, board.temperatures = [25.0] * wires, [25.0] * wires
-            board.errors, board.faults, board.silent = [0.0] * wires, [0] * wires, False
+            board.wires = [25.0] * wires
+            board.temperatures = [25.0] * wires
+            board.errors = [0.0] * wires
+            board.faults = [0] * wires
+            board.silent = False
         for _ in range(int(rng.expovariate(0.05)) + 1):
             board.pass_time()
         if rng.random() < 0.001:

@@ -1,8 +1,8 @@
-"""How fast robots walk, and how fast their gaits are planned.
+"""The speed of robots, and the time to plan their gaits.
 
 The robots are crawlers of two limbs, but for the table ``lifting``:
 
-- ``pairs``: two limbs at each end of the body, the crawler's, in the order around it; those of a
+- ``pairs``: two limbs at each end of the body, the crawler's, in the order around it; limbs of a
   diagonal are lifted together, so that the body always stands on a rear and a front foot.
 - ``row``: three limbs in a row, each of two segments that can bend opposite ways; each is lifted
   by itself. The program takes minutes, and often finds no gait.
@@ -14,38 +14,31 @@ stick, friction and (6) of the heat of each interval, as shares of weight, lengt
 --simulate, the strides of the check are the least and the largest share of the planned one, of
 the first gait that passes: a steadier one where the fastest does not.
 
-    python benchmarks/gaits.py [nominal random cooling laws slope lifting more_feet] [--simulate]
+    python benchmarks/gaits.py [nominal random cooling slope lifting] [--simulate]
 """
 
 import argparse
 
 import numpy as np
 
-from limb_systems import (
-    HystereticLaw,
-    LimbError,
-    LimbModel,
-    LimbParameters,
-    LinearLaw,
-    SegmentParameters,
-    ThresholdLaw,
-    TwoMassLaw,
-)
+from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw, SegmentParameters
 from walking import Gait, RobotParameters, plan_gait
 from walking.gait_check import scale_limb
 from walking.robot_parameters import RobotLimb, walking_limb
-from walking.schedules import candidate_schedules, format_schedule, parse_schedule
+from walking.schedules import parse_schedule
 from walking.walker import Walker
 
 HEADER = "case | mm/s | stride, mm | period, s | iterations | s | violation | simulated"
 
 
 def violation(gait: Gait) -> float:
-    """The largest violation of what a gait has to hold, scaled."""
-    planar, wires = Walker(gait.robot), LimbModel.of(gait.parameters).wires
+    """Return the largest violation of what a gait has to hold, scaled."""
+    planar = Walker(gait.robot)
+    wires = LimbModel.of(gait.parameters).wires
     mu = gait.robot.ground.friction
     load = np.linalg.norm(planar.weight)
-    y, steps = np.vstack([gait.body_pose, gait.joint_angles]).T, np.diff(gait.time)
+    y = np.vstack([gait.body_pose, gait.joint_angles]).T
+    steps = np.diff(gait.time)
     forces = gait.contact_force.T.reshape(len(y), -1, 2)
     by_feet = planar.feet_jacobian(y)
     balance = planar.potential.first(y)[1][:, 0] - np.einsum("kfc,kfcd->kd", forces, by_feet)
@@ -63,7 +56,8 @@ def violation(gait: Gait) -> float:
     violations += [off_ground.max() / planar.size]
     violations += [np.abs(moved).max() / planar.size, gait.wire_temperature.max() / limit - 1]
     if all(isinstance(wire.law, LinearLaw) for wire in gait.parameters.wires):
-        states, after = gait.wire_temperature[:, :-1].T, gait.wire_temperature[:, 1:].T
+        states = gait.wire_temperature[:, :-1].T
+        after = gait.wire_temperature[:, 1:].T
         rates = [wires.rates(at, gait.duty[:, :-1].T) for at in (states, after)]
         middle = 0.5 * (states + after) + steps[:, None] / 8 * (rates[0] - rates[1])
         mean = (rates[0] + 4 * wires.rates(middle, gait.duty[:, :-1].T) + rates[1]) / 6
@@ -72,13 +66,14 @@ def violation(gait: Gait) -> float:
 
 
 def row(case: str, robot: RobotParameters, simulate: bool, **request) -> Gait | None:
-    """Prints a row of a table; the gait, or None if there is none."""
+    """Print a row of a table; return the gait, or None if there is none."""
     try:
         gait = plan_gait(robot, check=simulate, spread=False, **request)
     except LimbError as error:
         print(f"{case} | {error}", flush=True)
         return None
-    check, made = gait.check, gait.check.simulation.strides
+    check = gait.check
+    made = gait.check.simulation.strides
     strides = f"{min(made):.3f}-{max(made):.3f}" if made else ""
     print(
         f"{case} | {1e3 * gait.speed:.3f} | {1e3 * gait.stride:.1f} | {gait.period:.2f} | "
@@ -89,14 +84,15 @@ def row(case: str, robot: RobotParameters, simulate: bool, **request) -> Gait | 
 
 
 def crawler(friction: float = 0.3, slope_deg: float = 0.0) -> RobotParameters:
-    """The crawler on a ground."""
+    """Return the crawler on a ground."""
     robot = RobotParameters()
-    robot.ground.friction, robot.ground.slope = friction, float(np.deg2rad(slope_deg))
+    robot.ground.friction = friction
+    robot.ground.slope = float(np.deg2rad(slope_deg))
     return robot
 
 
 def random_walker(seed: int, alike: bool = True) -> RobotParameters:
-    """A walker whose limbs differ in k, β, a1 and a2, and, unless alike, in length and place."""
+    """Return a walker whose limbs differ in k, β, a1, a2 and, unless alike, in length and place."""
     rng = np.random.default_rng(seed)
     robot = crawler(rng.uniform(0.3, 0.8))
     robot.body.mass = rng.uniform(0.010, 0.030)
@@ -128,21 +124,13 @@ def cooling(simulate: bool) -> None:
         for heating in dict.fromkeys((1.0, share)):
             robot = crawler()
             for wire in robot.as_single_limb.wires:
-                wire.law.a1, wire.law.a2 = share * wire.law.a1, heating * wire.law.a2
+                wire.law.a1 = share * wire.law.a1
+                wire.law.a2 = heating * wire.law.a2
             gait = row(f"a1 x {share}, a2 x {heating}", robot, simulate)
             if gait:
                 print(
                     f"    period x |a1| = {-gait.period * robot.as_single_limb.wires[0].law.a1:.5f}"
                 )
-
-
-def laws(simulate: bool) -> None:
-    for law in (LinearLaw, TwoMassLaw, ThresholdLaw, HystereticLaw):
-        for margin in (0.0, 15.0):
-            robot = crawler()
-            for wire in robot.as_single_limb.wires:
-                wire.law = law()
-            row(f"{law.__name__}, margin {margin:g}", robot, simulate, temperature_margin=margin)
 
 
 def slope(simulate: bool) -> None:
@@ -151,7 +139,7 @@ def slope(simulate: bool) -> None:
 
 
 def pairs() -> RobotParameters:
-    """Four of the crawler's limbs on its body."""
+    """Return four of the crawler's limbs on its body."""
     corners = {
         "rear_left": [-0.03, 0.02, 0.0],
         "front_left": [0.03, 0.02, 0.0],
@@ -167,7 +155,7 @@ def pairs() -> RobotParameters:
 
 
 def three_in_a_row() -> RobotParameters:
-    """Three limbs of 10 g, as stiff as the crawler's, of two segments of 5 cm each."""
+    """Return three limbs of 10 g, as stiff as the crawler's, of two segments of 5 cm each."""
     limbs = []
     for name, x in (("rear", -0.06), ("middle", 0.0), ("front", 0.06)):
         segments = [SegmentParameters(length=0.05, mass=0.005, stiffness=0.25) for _ in range(2)]
@@ -195,33 +183,9 @@ def lifting(simulate: bool) -> None:
                 print(f"    feet lifted by {lifted.min():.1f} to {lifted.max():.1f} mm")
 
 
-def three() -> RobotParameters:
-    """The crawler with a third limb in the middle of a longer body."""
-    robot = RobotParameters()
-    robot.limbs = [
-        RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
-        for name, x in (("rear", -0.045), ("middle", 0.0), ("front", 0.045))
-    ]
-    robot.body.length = 0.1
-    return robot
-
-
-def more_feet(simulate: bool) -> None:
-    for name, make, friction in (
-        ("three", three, 0.3),
-        ("three", three, 0.6),
-        ("pairs", pairs, 0.3),
-    ):
-        robot = make()
-        robot.ground.friction = friction
-        for schedule in candidate_schedules(robot):
-            case = f"{name}, mu {friction}, {format_schedule(schedule)}"
-            row(case, robot, simulate, schedule=schedule, temperature_margin=5.0, explain=False)
-
-
 if __name__ == "__main__":
-    tables = {t.__name__: t for t in (nominal, random, cooling, laws, slope, lifting, more_feet)}
-    quick = [name for name in tables if name not in ("lifting", "more_feet")]
+    tables = {t.__name__: t for t in (nominal, random, cooling, slope, lifting)}
+    quick = [name for name in tables if name != "lifting"]
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tables", nargs="*", default=quick, help=", ".join(tables))
     parser.add_argument("--simulate", action="store_true", help="check by simulation")

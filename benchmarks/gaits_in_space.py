@@ -28,7 +28,7 @@ COURSES = {
 
 
 def goes(gait: Gait) -> str:
-    """What a cycle is to make, in how long."""
+    """Return the planned stride of a cycle and its duration, in words."""
     parts = [] if gait.on_the_spot else [f"{1e3 * gait.stride:.1f} mm"]
     parts += [f"{np.rad2deg(gait.turn):+.1f}°"] if abs(gait.turn) > 1e-6 else []
     return f"{', '.join(parts)} in {gait.period:.1f} s"

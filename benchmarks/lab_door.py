@@ -1,4 +1,4 @@
-"""Labs' logs through the door: import, fit and plan from the shell, and what comes out.
+"""Logs of labs through import, fit and plan from the shell, and their results.
 
 Each log of `lab_logs` and `lab_tables` takes three commands to a calibrated limb and a plan. Shown
 are
@@ -6,7 +6,7 @@ are
 - how many lines of the mapping had to be corrected, and which;
 - how far the bend in the recording is from what the limb did, without a constant;
 - |φ - φ_sim| of the calibrated limb for a motion that the log does not have, of a new limb of the
-  same seed, and that of the limb as described: as it is, and without a constant, since limbs
+  same seed, and the same of the limb as described: as it is, and without a constant, since limbs
   with tags are bent at rest by something else, and no camera knows where 0 is.
 
 Last come files that are no logs of a heated limb, and the sentence that each gets.
@@ -40,7 +40,7 @@ REFERENCE = "time_s,bend_deg\n0,0\n25,0\n30,12\n40,12\n50,-6\n60,-6\n"
 
 
 def announced(seed: int) -> list[Log]:
-    """Logs of the known loggers and of `STYLES`."""
+    """Return logs of the known loggers and of `STYLES`."""
     logs = [
         lab_logs.two_limbs(10 * seed + number, **quirks)
         for number, quirks in enumerate(
@@ -58,7 +58,7 @@ def announced(seed: int) -> list[Log]:
 
 
 def refused() -> dict[str, bytes]:
-    """Files that are no logs of a limb, by what they are."""
+    """Return files that are no logs of a limb, by their kind."""
     head = "ms,pwmL,pwmR,T1,T2,angle\n"
     rows = [f"{100 * k},{{}},0,{25 + k / 9:.1f},25,{k % 7}\n" for k in range(200)]
     picture = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256)) * 40
@@ -80,24 +80,25 @@ def refused() -> dict[str, bytes]:
 
 
 def command(*words: str | Path) -> subprocess.CompletedProcess:
-    """Runs ``soft-limb``."""
+    """Run ``soft-limb``."""
     line = [sys.executable, "-m", "soft_limb", *map(str, words)]
     return subprocess.run(line, capture_output=True, text=True, check=False)
 
 
 def last_line(done: subprocess.CompletedProcess) -> str:
-    """The end of what a command that failed has said; a traceback is named as such."""
+    """Return the end of the output of a command that failed; a traceback is named as such."""
     lines = (done.stderr.strip() or done.stdout.strip() or "(nothing)").splitlines()
     told = [line for line in lines if line.startswith(("error", "next"))] or lines
     return ("TRACEBACK: " if "Traceback" in done.stderr else "") + told[-1]
 
 
 def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMapping, list[str]]:
-    """A mapping as it should be, of the limb or of it in a mirror, and its lines that are wrong.
+    """Return a mapping as it should be, of the limb or its mirror image, and its wrong lines.
 
     In a mirror sides are exchanged and the bend's sign is turned, which is as right.
     """
-    fixed, wrong = copy.deepcopy(mapping), []
+    fixed = copy.deepcopy(mapping)
+    wrong = []
 
     def put(owner: object, name: str, value: str | float) -> None:
         given = getattr(owner, name)
@@ -125,7 +126,8 @@ def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMappi
     if column:  # else of tags
         put(fixed.bend, "column", column)
         if not fixed.bend.scale and measures != fixed.bend.measures:  # a scale may be of either
-            scale, measures = scale / 2, fixed.bend.measures
+            scale = scale / 2
+            measures = fixed.bend.measures
         put(fixed.bend, "scale", -scale if mirror else scale)
         put(fixed.bend, "measures", measures)
         if abs((fixed.bend.zero - zero) * scale) > OFFSET:
@@ -144,7 +146,7 @@ def true_bend(joints: np.ndarray) -> np.ndarray:
 
 
 def error_of(limb: LimbParameters, truth: Truth, mirror: bool) -> tuple[float, float]:
-    """Mean |φ - φ_sim| of the motion, degrees: as it is, and without a constant."""
+    """Return mean |φ - φ_sim| of the motion, degrees: as it is, and without a constant."""
     seed, physics, _, _, *rest = truth.drive
     done = lab_logs.drive(seed, physics, "motion", MOTION, *rest)
     sides = [1 - SIDES.index(name) if mirror else SIDES.index(name) for name in limb.wire_names]
@@ -155,7 +157,7 @@ def error_of(limb: LimbParameters, truth: Truth, mirror: bool) -> tuple[float, f
 
 
 def misread(recordings: list[Recording], truth: Truth, mirror: bool) -> float:
-    """Mean distance of the bends in recordings from what the limb did, °, without a constant."""
+    """Return the mean distance of recorded bends from the true bend, °, without a constant."""
     done = lab_logs.drive(*truth.drive)
     sides = [1 - s if mirror else s for s in (0, 1)]
     bend = (-1 if mirror else 1) * true_bend(done.joints)
@@ -175,10 +177,11 @@ def misread(recordings: list[Recording], truth: Truth, mirror: bool) -> float:
 
 
 def through_the_door(log: Log, folder: Path) -> list[dict]:
-    """Import, fit and plan of each limb in a log: what came out."""
+    """Import, fit and plan each limb in a log, and return the results."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    path, reference = folder / f"{log.name}.csv", folder / "mine.csv"
+    path = folder / f"{log.name}.csv"
+    reference = folder / "mine.csv"
     path.write_bytes(log.content)
     reference.write_text(REFERENCE)
     start = time.perf_counter()
@@ -198,11 +201,13 @@ def through_the_door(log: Log, folder: Path) -> list[dict]:
         fixed, row["lines"] = tried[mirror]
         recordings = given.parent
         if row["lines"]:
-            recordings, given = folder / "again", folder / "corrected.yaml"
+            recordings = folder / "again"
+            given = folder / "corrected.yaml"
             fixed.save(given)
             again = command("import", path, "-o", recordings, "--mapping", given)
             row["told"] = last_line(again)
-        limb, plan = folder / f"{recordings.name}.yaml", folder / f"{recordings.name}_plan.csv"
+        limb = folder / f"{recordings.name}.yaml"
+        plan = folder / f"{recordings.name}_plan.csv"
         read = [Recording.load(p) for p in sorted(recordings.glob("*.csv"))]
         if not read:
             continue
@@ -213,18 +218,20 @@ def through_the_door(log: Log, folder: Path) -> list[dict]:
             continue
         planned = command("plan", reference, "-l", limb, "-o", plan)
         row["plan"] = last_line(planned) if planned.returncode else "planned"
-        fitted, plain = LimbParameters.load(limb), LimbParameters()
+        fitted = LimbParameters.load(limb)
+        plain = LimbParameters()
         plain.segments[0].wires = [
             w for w in plain.segments[0].wires if w.name in fitted.wire_names
         ]
         row["error"] = error_of(fitted, truth, mirror)
         row["nominal"] = error_of(plain, truth, mirror)
-        row["seconds"], start = time.perf_counter() - start, time.perf_counter()
+        row["seconds"] = time.perf_counter() - start
+        start = time.perf_counter()
     return rows
 
 
 def shown(row: dict) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     pair = {key: "{:.1f}° {:.1f}°".format(*row[key]) for key in ("error", "nominal") if key in row}
     misread_by = f"{row['misread']:.2f}°" if "misread" in row else "-"
     cells = row["log"], len(row["lines"]), misread_by, pair.get("error", "-")

@@ -37,7 +37,7 @@ CACHE = Path(__file__).parents[1] / "build" / "lab_logs"
 
 @dataclasses.dataclass(frozen=True)
 class Drive:
-    """What an emulated limb did and showed, at 20 Hz.
+    """The duty, readings and true joint angles of an emulated limb, at 20 Hz.
 
     - ``time`` (K,), s; ``duty``, ``temperature`` (2, K), left and right, °C as thermocouples read.
     - ``bend`` (K,): as its bend sensor read it, φ, rad.
@@ -51,12 +51,12 @@ class Drive:
     joints: np.ndarray
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Indices of the samples that a logger finds at some times, s."""
+        """Return indices of the samples that a logger finds at some times, s."""
         return np.clip((times * RATE + 1e-6).astype(int), 0, len(self.time) - 1)
 
 
 def program(kind: str, seed: int, duration: float, wires: Sequence[int] = (0, 1)) -> np.ndarray:
-    """Duty as labs program it, (2, K) for steps of 0.5 s: with pauses, each wire in turn.
+    """Return duty as labs program it, (2, K) for steps of 0.5 s: with pauses, each wire in turn.
 
     "pulses" fall in steps of a second and have long pauses, "steps" hold levels, "ramps" rise
     and fall, "bang-bang" switches, "dance" does all of it in haste, and "motion" swings.
@@ -71,7 +71,8 @@ def program(kind: str, seed: int, duration: float, wires: Sequence[int] = (0, 1)
         for wire in wires:
             duty[wire] = np.maximum(swing * (2 * wire - 1), 0.0)
         return duty
-    at, turn = 4, int(draw.integers(2))
+    at = 4
+    turn = int(draw.integers(2))
     while kind != "rest" and at < duty.shape[1] - 20:
         pattern = str(draw.choice(["pulses", "steps", "ramps"])) if kind == "dance" else kind
         level = draw.choice([0.2, 0.25, 0.3])
@@ -89,7 +90,8 @@ def program(kind: str, seed: int, duration: float, wires: Sequence[int] = (0, 1)
         if draw.uniform() < 0.25 and len(wires) > 1:  # the other one holds against it
             duty[1 - which, at : at + len(course)] = np.round(0.5 * course, 2)
         longest = {"pulses": 120, "dance": 8}.get(kind, 50)
-        at, turn = at + len(course) + int(draw.integers(2, longest + 1)), turn + 1
+        at = at + len(course) + int(draw.integers(2, longest + 1))
+        turn = turn + 1
     return duty
 
 
@@ -102,7 +104,7 @@ def drive(
     length: float = LENGTH,
     wires: tuple[int, ...] = (0, 1),
 ) -> Drive:
-    """Drives a new limb by a `program`; kept in a file, as a continuum limb takes its time."""
+    """Drive a new limb by a `program`; a file keeps the result, as a continuum limb is slow."""
     name = f"{physics}_{seed}_{kind}_{duration:g}_{length:g}_{''.join(map(str, wires))}.npz"
     if (path := CACHE / "drives" / name).is_file():
         return Drive(**np.load(path))
@@ -131,7 +133,7 @@ def drive(
 
 @dataclasses.dataclass(frozen=True)
 class Truth:
-    """What the columns of a log are, of one limb, as a mapping says it.
+    """The meaning of a log's columns, of one limb, as a mapping states it.
 
     - ``times``: columns of time that are right, and their units, the best one first.
     - ``wires``: for left and right the columns of duty and temperature, what full duty is, and
@@ -157,13 +159,14 @@ class Log:
 
 
 def tags(joints: Sequence[np.ndarray], draw: np.random.Generator) -> np.ndarray:
-    """Pixels (K, 9, 2) of the tags on limbs in series of some joint angles, x right, y down.
+    """Return pixels (K, 9, 2) of tags on limbs in series by their joint angles, x right, y down.
 
     Limbs are bent at rest, the camera is turned, and it may see them from below.
     """
     at = np.append(0.0, np.cumsum(SPACING))
     fine = np.linspace(0.0, 1.0, 401)
-    direction, heading = np.zeros((len(fine), joints[0].shape[1])), 0.0
+    direction = np.zeros((len(fine), joints[0].shape[1]))
+    heading = 0.0
     for index, angles in enumerate(joints):
         part = (fine >= index / 2) & (fine <= (index + 1) / 2)
         middles = np.append(0.0, (np.arange(len(angles)) + 0.5) / len(angles))
@@ -184,7 +187,7 @@ def tags(joints: Sequence[np.ndarray], draw: np.random.Generator) -> np.ndarray:
 
 
 def logger_head(draw: np.random.Generator, start: int, arrays: bool, nested: bool) -> list[str]:
-    """The lines before the header: a date, ms into its day, and settings as Python shows them."""
+    """Return the lines before the header: a date, ms into its day, and settings as in Python."""
     pairs = dict.fromkeys(("kp", "ki", "setpoint"), "array([{}, {}])" if arrays else "[{}, {}]")
     settings = ["'duty_min': -0.8", "'duty_max': 0.8", "'ctrl_period': 200", "'numsteps': 100.0"]
     settings += [
@@ -216,7 +219,7 @@ def two_limbs(
     arrays: bool = False,
     nested: bool = False,
 ) -> Log:
-    """A log of two limbs in series as `ezloophw-py` writes it: 37 columns below a line of settings.
+    """Return a log of two limbs in series as `ezloophw-py` writes it: 37 columns below settings.
 
     Args:
         heated: limbs that are heated.
@@ -290,7 +293,7 @@ def two_limbs(
 
 
 def _irregular(count: int, rate: float, draw: np.random.Generator) -> np.ndarray:
-    """Times of a logger of that rate (count,), s, of which the first two are 0."""
+    """Return times of a logger of that rate (count,), s, of which the first two are 0."""
     late = np.round(draw.normal(0, 0.0015, count).clip(-0.004, 0.004), 3)
     times = np.maximum((np.arange(count) - 1) / rate + late, 0.0)
     times[:2] = 0.0
@@ -298,9 +301,10 @@ def _irregular(count: int, rate: float, draw: np.random.Generator) -> np.ndarray
 
 
 def pneumatic(seed: int) -> Log:
-    """A log of the successor: valves and pressures, and the half of each limb's angle."""
+    """Return a log of the successor: valves, pressures, and half of each limb's angle."""
     draw = np.random.default_rng([2, seed])
-    count, start = 900, int(draw.integers(30_000_000, 70_000_000))
+    count = 900
+    start = int(draw.integers(30_000_000, 70_000_000))
     times = _irregular(count, 10.0, draw)
     swing = np.sin(2 * np.pi * np.outer([0.05, 0.08], times)) * (times > 2)
     angles = 18 * swing + draw.normal(0, 0.1, swing.shape)  # degrees, of the chord

@@ -10,7 +10,7 @@ from lab_logs import SIDES, Log, Truth, drive, tags
 
 @dataclasses.dataclass(frozen=True)
 class Style:
-    """How somebody writes a table.
+    """The columns, units and faults of somebody's table.
 
     - ``columns``: "NAME: ROLE | ...", where a role is one of
 
@@ -284,10 +284,11 @@ def _moment(t: float) -> datetime:
 
 
 def table(style: Style, seed: int = 0) -> Log:
-    """A log in somebody's style, of a limb that a seed draws."""
+    """Return a log in somebody's style, of a limb that a seed draws."""
     draw = np.random.default_rng([3, seed, sum(map(ord, style.name))])
     columns = [column.partition(":") for column in style.columns.split(" | ")]
-    names, roles = [c[0].strip() for c in columns], [c[2].split() for c in columns]
+    names = [c[0].strip() for c in columns]
+    roles = [c[2].split() for c in columns]
     if "nameless" in style.faults:
         names = [f"column_{number}" for number in range(1, len(roles) + 1)]
     heated = tuple(i for i, side in enumerate(SIDES) if any(["duty", side] == r[:2] for r in roles))
@@ -303,9 +304,12 @@ def table(style: Style, seed: int = 0) -> Log:
     if "gap" in style.faults:
         keep[int(0.6 * count) : int(0.6 * count + 5 * style.rate)] = False
     times = times[keep] - times[keep][0]
-    rows, begin = limb.at(times), draw.uniform(2, 20) if ": time ms" in style.columns else 0.0
+    rows = limb.at(times)
+    begin = draw.uniform(2, 20) if ": time ms" in style.columns else 0.0
     seen = tags([limb.joints[:, rows], 0 * limb.joints[:, rows]], draw)
-    cells, times_in, bend = [], [], ("", 0.0, "", 0.0)
+    cells = []
+    times_in = []
+    bend = ("", 0.0, "", 0.0)
     wires: dict[str, tuple[str, str, float, str]] = {}
     for name, (what, *how) in zip(names, roles, strict=True):
         side = SIDES.index(how[0]) if how and how[0] in SIDES else 0
@@ -331,7 +335,9 @@ def table(style: Style, seed: int = 0) -> Log:
             factor, offset = UNITS[how[1]]
             texts = [f"{v:.2f}" for v in factor * limb.temperature[side][rows] + offset]
         elif what == "bend":
-            scale, measures, zero = float(how[0]), how[1], float(how[2])
+            scale = float(how[0])
+            measures = how[1]
+            zero = float(how[2])
             angle = np.rad2deg(limb.bend[rows]) * (2 if measures == "tip_tangent" else 1) / scale
             digits = 0 if abs(zero) > 10 else 2 if abs(scale) < 50 else 4
             texts = [f"{b:.{digits}f}" for b in angle + zero]

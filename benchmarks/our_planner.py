@@ -31,17 +31,19 @@ STAGES = {
 
 
 def limb_parameters(links: int) -> LimbParameters:
-    """The nominal limb cut into another number of links, as stiff as a whole."""
+    """Return the nominal limb cut into another number of links, as stiff as a whole."""
     segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
     return LimbParameters(segments=[segment])
 
 
 def make_problem(links: int, knots: int) -> dict:
-    """The fields of `casadi_peer.Problem` for the Fig. 5 reference."""
+    """Return the fields of `casadi_peer.Problem` for the Fig. 5 reference."""
     program, guess = _program_and_guess(links, knots)
     states, duty = _states_and_duty(program, guess)
-    parameters, task = limb_parameters(links), Task.paper()
-    segment, limits = parameters.segments[0], parameters.temperature_limits
+    parameters = limb_parameters(links)
+    task = Task.paper()
+    segment = parameters.segments[0]
+    limits = parameters.temperature_limits
     times = np.linspace(0.0, DURATION, knots)
     reference = references.step_and_decaying_sine().vector_values(times)
     of_wires = {
@@ -71,7 +73,7 @@ def make_problem(links: int, knots: int) -> dict:
 
 
 def run(problem: dict, time_limit: float) -> dict:
-    """Our planner, from nothing to a plan that was checked, stage by stage.
+    """Run our planner, from nothing to a plan that was checked, stage by stage.
 
     Returns:
         What `casadi_peer.run` returns, and ``guess``, ``check`` and ``whole``
@@ -115,16 +117,17 @@ def run(problem: dict, time_limit: float) -> dict:
 
 
 def judge(problem: dict, states: np.ndarray, duty: np.ndarray) -> dict:
-    """Cost, feasibility and bounds of a solution, the same for all solvers.
+    """Return cost, feasibility and bounds of a solution, the same for all solvers.
 
     Returns:
         ``cost`` (15); ``defect``, the largest violation of (17) with the
-        dynamics of `Limb`: those of θ times the time step, in rad, of θ̇ times
+        dynamics of `Limb`: defects of θ times the time step, in rad, of θ̇ times
         K⁻¹ M(0), in rad, of T and V times the time step, in units of 50 °C;
         and ``violation``, the largest of (16) and (18)-(20), rad, rad/s, °C
         or 1.
     """
-    n, times = problem["links"], problem["times"]
+    n = problem["links"]
+    times = problem["times"]
     deviation = states[:n] - problem["angles_ref"]
     weights = np.full(len(times), problem["angle_weight"])
     weights[-1] *= problem["terminal_factor"]
@@ -137,10 +140,12 @@ def judge(problem: dict, states: np.ndarray, duty: np.ndarray) -> dict:
 
     def derivatives(x, u):
         no_times = np.zeros((1, x.shape[1]))
-        x, u = np.asfortranarray(x), np.asfortranarray(u)
+        x = np.asfortranarray(x)
+        u = np.asfortranarray(u)
         return BatchEvalTimeDerivatives(limb, context, no_times, x, u, port)
 
-    h, rates = np.diff(times), derivatives(states, duty)
+    h = np.diff(times)
+    rates = derivatives(states, duty)
     middle_states = (states[:, :-1] + states[:, 1:]) / 2 - h / 8 * np.diff(rates)
     middle_rates = 1.5 / h * np.diff(states) - (rates[:, :-1] + rates[:, 1:]) / 4
     middle_duty = (duty[:, :-1] + duty[:, 1:]) / 2
@@ -168,11 +173,11 @@ def judge(problem: dict, states: np.ndarray, duty: np.ndarray) -> dict:
 
 
 class _FoundError(Exception):
-    """Carries the program and the guess out of our planner."""
+    """An error that carries the program and the guess out of our planner."""
 
 
 def _program_and_guess(links: int, knots: int):
-    """The `TrajectoryProgram` of our planner and what its solver starts from."""
+    """Return the `TrajectoryProgram` of our planner and the start of its solver."""
 
     def instead_of_solving(program, guess, *_):
         raise _FoundError(program, guess)
@@ -191,14 +196,14 @@ def _program_and_guess(links: int, knots: int):
 
 
 def _states_and_duty(program, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """States (2n + 4, N) and duty (2, N) of all decision variables."""
+    """Return states (2n + 4, N) and duty (2, N) of all decision variables."""
     signals = program.signals(x)
     names = "joint_state", "wire_temperature", "measured_temperature"
     return np.vstack([signals[name] for name in names]), signals["duty"]
 
 
 def _timed(times: dict, name: str, function):
-    """A function that adds to `times` how long it takes, s."""
+    """Return a function that adds to `times` how long it takes, s."""
 
     def timed(*arguments, **options):
         started = time.perf_counter()

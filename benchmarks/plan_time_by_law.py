@@ -1,4 +1,4 @@
-"""How long a plan takes with each law of the wires: Fig. 5, five links, 601 knots.
+"""The time of a plan with each law of the wires: Fig. 5, five links, 601 knots.
 
 Whole plans from request to check, all laws in turn, so that the ratios to the
 paper's law hold on a busy machine as well; medians of five repetitions.
@@ -14,7 +14,7 @@ from planners import Task, plan, references
 
 
 def timed_plan(law: str) -> tuple[float, Trajectory]:
-    """Seconds that the plan for a limb takes whose wires have the law's default values."""
+    """Return the time of the plan for a limb whose wires have the law's default values, s."""
     limb = LimbParameters()
     for wire in limb.wires:
         wire.law = LAWS[law]()

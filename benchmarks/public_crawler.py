@@ -3,7 +3,7 @@
 The crawler is the planar tripod of https://github.com/softmachineslab/horton_der_2d, a program of
 discrete elastic rods. Two of its logs, the same run as far as both go, have its centre of mass:
 simTripodRBState_2021_02_23_091909.csv to 0.625 s and ..._102610.csv to 0.98 s. Numbers here are
-those of its options_default.txt and of the files named below.
+from its options_default.txt and from the files named below.
 
 Five limbs of 13 edges make a rear leg, half the spine, a middle leg, the other half and a front
 leg; each leg stands on a triangular foot. Nodes carry equal masses, edges are links, and 67 joints
@@ -18,7 +18,7 @@ What that program does, and a rod does not, is done here, too:
 Its edges stretch, by some 1e-4, and these do not; its ground is rigid, this one yields by 0.1 µm.
 This one starts at rest, which that one has come to when its first wire is heated. `Robot` cannot
 describe it: its limbs keep their stiffness, and its feet are spheres fixed to them. Contact,
-frames and time step are those of `Robot`.
+frames and time step are as in `Robot`.
 
     python benchmarks/public_crawler.py [LOG]
 """
@@ -59,10 +59,12 @@ FIRST_PULSE, PERIOD = 239, 80  # steps
 HEATED = [(range(2, 12), 1.0), (range(28, 39), -1.0), (range(54, 65), -1.0), (range(1, 2), -1.0)]
 LOGGED = {0.625: -2.477, 0.98: -4.728}  # s, mm: x of the centre of mass
 
-# Nodes 0 to 65 are those of the limbs from the rear foot on, 66 to 71 heels and toes. At node 26,
+# Nodes 0 to 65 are in the limbs, from the rear foot on, 66 to 71 heels and toes. At node 26,
 # the middle of the spine, node 27 begins the middle leg and node 40 the rest of the spine. Body n
 # ends in node n and turns at the node before; the rear foot is body 0, the others are 66 and 67.
-SPINE, LIMB_NODES, ANKLES = 26, 66, (0, 39, 65)
+SPINE = 26
+LIMB_NODES = 66
+ANKLES = (0, 39, 65)
 BEFORE = [0, *(SPINE if node == 40 else node - 1 for node in range(1, LIMB_NODES))]
 BODY_OF = [*range(LIMB_NODES), 0, 0, 66, 66, 67, 67]
 TURNS_AT = [*BEFORE, *ANKLES[1:]]
@@ -75,8 +77,10 @@ BENDS = np.array(
 
 
 def straight_nodes() -> np.ndarray:
-    """Nodes (72, 2) as made, x and z, m: feet on the ground, the centre of mass at x = 0."""
-    height, edge, turn = FOOT * np.sqrt(3) / 2, LIMB / EDGES, np.deg2rad(20.0)
+    """Return nodes (72, 2) as made, x and z, m: feet on the ground, centre of mass at x = 0."""
+    height = FOOT * np.sqrt(3) / 2
+    edge = LIMB / EDGES
+    turn = np.deg2rad(20.0)
     tilt = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     corner = np.array([0.0, height])
     nodes = [corner]
@@ -91,7 +95,7 @@ def straight_nodes() -> np.ndarray:
 
 
 def bent_by() -> np.ndarray:
-    """How each bend (71) follows the pitch of the rear foot and the joints' angles (1 + 67)."""
+    """Return the bends (71) by the pitch of the rear foot and the joints' angles (1 + 67)."""
     turned = np.eye(len(TURNS_AT))
     for body in range(1, len(turned)):
         turned[body] += turned[BODY_OF[TURNS_AT[body]]]
@@ -100,10 +104,12 @@ def bent_by() -> np.ndarray:
 
 
 def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Adds all and finalizes the plant; says where pitch and joints are among its positions."""
-    contact, below = ProximityProperties(), RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
+    """Add all and finalize the plant; return the indices of pitch and joints in its positions."""
+    contact = ProximityProperties()
+    below = RigidTransform([0.0, 0.0, -GROUND_SIZE[2] / 2])
     AddContactMaterial(0.0, 1e7, CoulombFriction(FRICTION, FRICTION), contact)
-    world, joints = plant.world_body(), []
+    world = plant.world_body()
+    joints = []
     plant.RegisterCollisionGeometry(world, below, Box(*GROUND_SIZE), "ground", contact)
     for number, node in enumerate(TURNS_AT):
         inertia = SpatialInertia.Zero()
@@ -111,7 +117,8 @@ def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -
             lever = np.array([*(nodes[own] - nodes[node]), 0.0])  # frames are in the plane
             inertia += SpatialInertia(MASS, lever, UnitInertia.PointMass(lever))
         body = plant.AddRigidBody(f"body_{number}", inertia)
-        parent, place = world, RigidTransform(PLANE_ROTATION)
+        parent = world
+        place = RigidTransform(PLANE_ROTATION)
         if number:
             before = BODY_OF[node]
             parent = joints[before].child_body()
@@ -130,8 +137,10 @@ def add_crawler(plant: MultibodyPlant, nodes: np.ndarray, damping: np.ndarray) -
 
 
 def heat(steps: int) -> np.ndarray:
-    """How hot a heated wire is in each step, as a share of its top."""
-    hot, top, since = np.zeros(steps + 1), 0.0, 0
+    """Return the heat of a heated wire in each step, as a share of its top."""
+    hot = np.zeros(steps + 1)
+    top = 0.0
+    since = 0
     for step in range(steps):
         if step >= FIRST_PULSE and (step - FIRST_PULSE) % PERIOD == 0:
             hot[step + 1] = top = hot[step] + TIME_STEP / HEATING_TIME
@@ -143,8 +152,9 @@ def heat(steps: int) -> np.ndarray:
 
 
 def simulate_crawler(duration: float = 0.981) -> tuple[np.ndarray, np.ndarray]:
-    """Times (K,), s, and the centre of mass (2, K) at them, x and z, m."""
-    nodes, bent = straight_nodes(), bent_by()
+    """Return times (K,), s, and the centre of mass (2, K) at them, x and z, m."""
+    nodes = straight_nodes()
+    bent = bent_by()
     edges = [nodes[BENDS[:, k + 1]] - nodes[BENDS[:, k]] for k in (0, 1)]
     across = edges[0][:, 1] * edges[1][:, 0] - edges[0][:, 0] * edges[1][:, 1]
     made = np.arctan2(across, np.sum(edges[0] * edges[1], axis=1))  # rad, to the right
@@ -159,7 +169,8 @@ def simulate_crawler(duration: float = 0.981) -> tuple[np.ndarray, np.ndarray]:
     angles = add_crawler(plant, nodes, damping)
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    force, path = np.zeros(plant.num_velocities()), []
+    force = np.zeros(plant.num_velocities())
+    path = []
     for step, hot in enumerate(heat(round(duration / TIME_STEP))):
         simulator.AdvanceTo(step * TIME_STEP)
         path.append(plant.CalcCenterOfMassPositionInWorld(context)[[0, 2]])

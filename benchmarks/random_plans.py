@@ -1,4 +1,4 @@
-"""Does every plan come out? Random problems, solved and checked one by one.
+"""Random problems, solved and checked one by one: the share that is solved.
 
 Limbs of 1 to 10 links with heat parameters within a factor of two of the
 nominal ones; 61 to 601 knots over 30 to 120 s; steps up to 170°, decaying
@@ -64,11 +64,12 @@ RECORDED_WIDTHS = {
 }
 HYSTERESIS = (4.0, 12.0)  # °C, from one middle to the other
 # Of wires near the defaults: factors of rates and torques, and changes of temperatures, °C.
-FACTOR, CHANGE = 1.4, 5.0
+FACTOR = 1.4
+CHANGE = 5.0
 
 
 def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generator) -> WireLaw:
-    """A law near its defaults, or like that of wires in published recordings."""
+    """Return a law near its defaults, or near laws of wires in published recordings."""
     law = kind()
     for name, value in vars(law).items():
         if recorded and name in RECORDED:
@@ -88,7 +89,7 @@ def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generat
 
 
 def random_problem(seed: int, law: str = "linear"):
-    """A limb, knots (N,), s, a reference and what kind it is."""
+    """Return a limb, knots (N,), s, a reference and what kind it is."""
     generator = np.random.default_rng(seed)
     links = int(generator.integers(1, 11))
     segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
@@ -109,7 +110,8 @@ def random_problem(seed: int, law: str = "linear"):
         levels = np.deg2rad(generator.uniform(-170.0, 170.0, 6))
         angles = levels[np.minimum((fine / duration * 6).astype(int), 5)]
     elif kind == "decaying sinusoid":
-        period, decay = generator.uniform(3.0, 15.0), generator.uniform(10.0, 60.0)
+        period = generator.uniform(3.0, 15.0)
+        decay = generator.uniform(10.0, 60.0)
         angles = amplitude * np.exp(-fine / decay) * np.sin(2 * np.pi * fine / period)
     else:
         angles = amplitude * np.sin(2 * np.pi * fine)
@@ -119,7 +121,7 @@ def random_problem(seed: int, law: str = "linear"):
 
 
 def solve(seed: int, law: str = "linear") -> dict:
-    """What came of a problem: iterations, who solved it, its check."""
+    """Solve a problem, and return iterations, solver and check."""
     parameters, times, reference, kind = random_problem(seed, law)
     problem = {
         "seed": seed,
@@ -149,7 +151,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     seeds = range(options.seed, options.seed + options.cases)
     results = []
-    work, processes = functools.partial(solve, law=options.law), os.cpu_count() or 1
+    work = functools.partial(solve, law=options.law)
+    processes = os.cpu_count() or 1
     with Progress("sweep", len(seeds), "cases") as progress:
         for result in run_each(work, seeds, processes):
             results.append(result)

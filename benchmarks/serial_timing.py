@@ -1,4 +1,4 @@
-"""How well commands keep time: a plan of 20 s over a pseudo-terminal, in real time.
+"""The times of commands and samples: a plan of 20 s over a pseudo-terminal, in real time.
 
 The firmware runs on an emulated board in another process. Printed is, for each
 controller, by how much commands left late, how many by more than 5 ms, how many

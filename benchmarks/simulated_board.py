@@ -43,18 +43,21 @@ class SimulatedBoard:
             step: ms, between two passes of the firmware's loop.
             limb: as for `Emulation`.
         """
-        self.milliseconds, self._step = 0, step
+        self.milliseconds = 0
+        self._step = step
         self.duties: list[tuple[float, ...]] = []
         self.samples: list[Sample] = []
         self._assembly = SampleAssembler()
-        self._to_board, self._sequence, self._session = b"", 0, 0
+        self._to_board = b""
+        self._sequence = 0
+        self._session = 0
         self._parser = protocol.Parser(protocol.BOARD_KINDS)
         self.emulation = Emulation(twin or LimbTwin(), self, self._note, lambda: self.now, limb)
         self.use(parameters or self.emulation.board.parameters)
 
     @property
     def now(self) -> float:
-        """s, since it was switched on."""
+        """The time since it was switched on, s."""
         return self.milliseconds / 1000
 
     @property
@@ -69,7 +72,8 @@ class SimulatedBoard:
     # The board's end of the cable.
 
     def read(self) -> bytes:
-        data, self._to_board = self._to_board, b""
+        data = self._to_board
+        self._to_board = b""
         return data
 
     def write(self, data: bytes) -> None:
@@ -84,37 +88,39 @@ class SimulatedBoard:
     # The host's.
 
     def send(self, *frame: Any) -> None:
-        """Sends a frame: its kind and its values."""
+        """Send a frame of a kind with values."""
         self._to_board += protocol.encode(*frame)
 
     def command(self, duty: Sequence[float]) -> None:
-        """Sends a duty (W), in answer to the newest sample."""
+        """Send a duty (W), in answer to the newest sample."""
         self._sequence += 1
         sample_time = round(1000 * self.newest.board_time)
         frame = from_host.encode_command(self._session, self._sequence, sample_time, duty)
         self._to_board += 2 * frame  # as `BoardLink` does
 
     def use(self, parameters: LimbParameters) -> None:
-        """Arms the board with other parameters from now on."""
+        """Arm the board with other parameters from now on."""
         self.parameters = parameters
         self._bounds = [dataclasses.astuple(bounds) for bounds in parameters.heat_bounds]
-        self._total, self._pulls = parameters.total_duty, pulls_of(parameters)
+        self._total = parameters.total_duty
+        self._pulls = pulls_of(parameters)
 
     def arm(self) -> bool:
-        """Arms the board; whether it let itself be armed."""
-        self._session, self._sequence = self.newest.challenge, 0
+        """Arm the board; return whether it let itself be armed."""
+        self._session = self.newest.challenge
+        self._sequence = 0
         arming = self._session, self._bounds, self._total, self._pulls
         self._to_board += b"".join(from_host.encode_arming(*arming))
         self.run(0.06)
         return self.newest.armed
 
     def clear(self) -> None:
-        """Clears a latched fault."""
+        """Clear a latched fault."""
         self.send(protocol.CLEAR, self.newest.challenge)
         self.run(0.06)
 
     def run(self, seconds: float, duty: Sequence[float] | None = None) -> None:
-        """Runs on, and commands a duty (W) every 50 ms if there is one."""
+        """Run on, and command a duty (W) every 50 ms if there is one."""
         end = self.milliseconds + round(1000 * seconds)
         while self.milliseconds < end:
             self.milliseconds += self._step
@@ -124,12 +130,12 @@ class SimulatedBoard:
 
     @property
     def duty(self) -> tuple[float, ...]:
-        """At the pins."""
+        """The duty at the pins (W)."""
         return self.duties[-1][1:]
 
     @property
     def reason(self) -> int:
-        """For which the board says it is off."""
+        """The board's reason for being off."""
         return self.newest.reason
 
     @property
@@ -139,15 +145,17 @@ class SimulatedBoard:
 
 
 class SimulatedLink:
-    """What `check_wires` needs of a `BoardLink`, at a `SimulatedBoard`."""
+    """The part of a `BoardLink` that `check_wires` needs, at a `SimulatedBoard`."""
 
     port = "simulated"
 
     def __init__(self, board: SimulatedBoard):
-        self._board, self.hottest = board, -np.inf
+        self._board = board
+        self.hottest = -np.inf
 
     def info(self):
-        channels, angles = self._board.duty, self._board.samples[-1].tip_tangent
+        channels = self._board.duty
+        angles = self._board.samples[-1].tip_tangent
         return types.SimpleNamespace(
             serial_number="simulated",
             firmware_version="",

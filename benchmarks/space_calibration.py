@@ -1,12 +1,12 @@
-"""How well calibration recovers emulated limbs that bend in space, and what plans with it do.
+"""Errors of calibrations of emulated limbs that bend in space, and of plans with them.
 
-Errors are those of the wires' angles, of the sensor's roll, and of the bends that wires make
+Errors are of the wires' angles, of the sensor's roll, and of the bends that wires make
 alone, which have the gains over k; then of motions that were left out of the fit, as the sensor
 reads them; then of three plans that are replayed open loop, of the true bend from the reference.
 
 With --bursts, limbs of two physics are fitted to 100 s of bursts without thermocouples, read by a
 sensor that is turned by 0 to 60°. Questions are answered with the corrected description. Errors are
-then those of the bend in another run of bursts, open loop, beside those of the baselines.
+then of the bend in another run of bursts, open loop, beside the errors of the baselines.
 """
 
 import argparse
@@ -36,7 +36,7 @@ COLUMNS = ("angles °", "roll °", "gains %", "motions °", "circle °", "eight 
 
 
 def hand() -> PiecewisePolynomial:
-    """A hand that leads the limb around for 60 s, after 20 s of rest, rad."""
+    """Return a hand that leads the limb around for 60 s, after 20 s of rest, rad."""
     times = np.linspace(0.0, 80.0, 81)
     angle = 2 * np.pi / 60 * np.maximum(times - 20.0, 0.0)
     sizes = np.deg2rad([[15.0], [18.0]]) * np.array([np.sin(angle), np.sin(angle / 2) ** 2])
@@ -44,7 +44,7 @@ def hand() -> PiecewisePolynomial:
 
 
 def gains(limb: LimbTwin, calibrated: LimbParameters) -> float:
-    """Mean relative error of the bends that wires make alone, for the same duty, %."""
+    """Return the mean relative error of the bends of each wire alone, for the same duty, %."""
     wires = np.eye(len(calibrated.wires))
     levels = [row for wire in wires for row in (LEVEL * wire, 0 * wire)]
     times = np.cumsum([0.0, *[HEATED, COOLED] * len(wires)])
@@ -60,7 +60,7 @@ def gains(limb: LimbTwin, calibrated: LimbParameters) -> float:
 
 
 def distance(limb: LimbTwin, calibrated: LimbParameters, reference: Trajectory) -> float:
-    """Mean distance of the true bend from a reference, planned and driven open loop, degrees."""
+    """Return the mean distance of the true bend from a reference, driven open loop, degrees."""
     try:
         planned = plan(calibrated, reference)
     except LimbError as error:
@@ -72,15 +72,16 @@ def distance(limb: LimbTwin, calibrated: LimbParameters, reference: Trajectory) 
 
 
 def errors(seed: int, wires: int) -> list[float]:
-    """What `COLUMNS` says of one limb."""
+    """Return the values of `COLUMNS` for one limb."""
     described = mounted_limb(LimbParameters.in_space(wires), None)
     twin = LimbTwin(described, seed=seed)
     calibration = calibrate(collect_from_twin(twin), described)
-    limb, true = calibration.parameters, twin.specimen.mechanics()
+    limb = calibration.parameters
+    true = twin.specimen.mechanics()
     roll = limb.segments[0].bend_sensor.roll
 
     def unused(**more) -> LimbTwin:
-        """The same limb, before it was collected."""
+        """Return the same limb, before it was collected."""
         return LimbTwin(described, seed=seed, **more)
 
     taught = simulate(unused(hand=hand()), np.zeros(wires), 80.0)
@@ -100,7 +101,7 @@ def errors(seed: int, wires: int) -> list[float]:
 
 
 def bursts(random: np.random.Generator, wires: int) -> PiecewisePolynomial:
-    """Duty of 100 s of bursts of one or two wires, after 3 s of rest."""
+    """Return duty of 100 s of bursts of one or two wires, after 3 s of rest."""
     times = [0.0]
     levels = [np.zeros(wires)]
     start = 3.0
@@ -119,7 +120,7 @@ def bursts(random: np.random.Generator, wires: int) -> PiecewisePolynomial:
 
 
 def recordings_of_bursts(physics: str, wires: int, seed: int) -> Iterator[Recording]:
-    """Two runs of one limb, without thermocouples, by a turned sensor."""
+    """Return two runs of one limb, without thermocouples, by a turned sensor."""
     random = np.random.default_rng([59, seed, wires])
     turn = random.uniform(0.0, np.pi / 3)
     limb = LimbTwin(mounted_limb(LimbParameters.in_space(wires), None), seed=seed, physics=physics)
@@ -134,7 +135,7 @@ def recordings_of_bursts(physics: str, wires: int, seed: int) -> Iterator[Record
 
 
 def errors_by_bursts(physics: str, wires: int, seed: int) -> tuple[str, list[float]]:
-    """The law that is used, and what `BURST_COLUMNS` says of one limb."""
+    """Return the law that is used, and the values of `BURST_COLUMNS` for one limb."""
     fitted, other = recordings_of_bursts(physics, wires, seed)
     described = None
     try:

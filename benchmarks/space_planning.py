@@ -1,4 +1,4 @@
-"""How fast and how well limbs that bend in space are planned, in processor time.
+"""The processor time and accuracy of plans for limbs that bend in space.
 
 1. Whole plans of 60 s with 601 knots, for the paper's law: each in a process of its own, without
    its start, and the check's simulation apart. These plans are quasi-static: the limb is where it
@@ -33,7 +33,8 @@ from planners import Planner, references
 from planners.plan_check import simulated_differences
 
 G, SETTLED = 9.81, 2.0  # m/s², s
-TIMES, COARSE = np.linspace(0.0, 60.0, 601), np.linspace(0.0, 40.0, 201)
+TIMES = np.linspace(0.0, 60.0, 601)
+COARSE = np.linspace(0.0, 40.0, 201)
 CASES = {  # links, segments, gravity, payload
     "n = 5": (5, 1, [0.0, 0.0, 0.0], 0.0),
     "n = 5, gravity": (5, 1, [0.0, -G, 0.0], 0.0),
@@ -50,11 +51,13 @@ CASES = {  # links, segments, gravity, payload
 
 
 def plan_case(name: str) -> str:
-    """A row of the table: circles of 15°, or 10° of each of several segments, in 46 s a turn."""
+    """Return a row of the table: circles of 15°, or of 10° of each of several segments, in 46 s."""
     links, segments, gravity, payload = CASES[name]
     limb = LimbParameters.in_space(links=links)
     limb.segments = [copy.deepcopy(limb.segments[0]) for _ in range(segments)]
-    limb.total_duty, limb.gravity, limb.payload = 1.5 * segments, gravity, payload
+    limb.total_duty = 1.5 * segments
+    limb.gravity = gravity
+    limb.payload = payload
     phases = (
         2 * np.pi * TIMES / 46.0
         + np.pi / 2 * np.arange(LimbModel.of(limb).layout.num_bends)[:, None]
@@ -75,7 +78,7 @@ def plan_case(name: str) -> str:
 
 
 def random_problem(generator: np.random.Generator):
-    """A limb, and a reference."""
+    """Return a limb, and a reference."""
     limb = LimbParameters.in_space(int(generator.integers(3, 5)), int(generator.integers(3, 9)))
     segment = limb.segments[0]
     segment.twists, segment.centred_joints = map(bool, generator.integers(0, 2, 2))
@@ -100,12 +103,15 @@ def random_problem(generator: np.random.Generator):
 
 
 def solve_random(seed: tuple[int, int]) -> tuple[str, str, float, float]:
-    """Outcome and law in words, processor time, s, and distance from the simulation, rad."""
+    """Return outcome and law in words, processor time, s, and distance from the simulation, rad."""
     limb, reference = random_problem(np.random.default_rng(seed))
-    law, started, apart = type(limb.wires[0].law).__name__, time.process_time(), np.nan
+    law = type(limb.wires[0].law).__name__
+    started = time.process_time()
+    apart = np.nan
     try:
         _, _, differences = Planner(limb, COARSE).plan_unchecked(reference)
-        outcome, apart = "solved", differences.max()
+        outcome = "solved"
+        apart = differences.max()
     except LimbError as error:
         outcome = f"seed {seed}: {error}"
     return outcome, law, time.process_time() - started, apart

@@ -1,6 +1,6 @@
 """Walks of robots in space that are not as planned: to a place, a heading there, and back.
 
-The gaits are those of a robot of three limbs, or of a folder. The robots that walk are drawn
+The gaits are of a robot of three limbs, or from a folder. The robots that walk are drawn
 around it: friction by up to 30% less or more, and k, β, a1 and a2 of each limb 10% larger or
 smaller. `Wayfinder` knows the robot as planned, and sees its body. The mechanics have steps of
 4 ms, with which strides are 1% shorter. Shown are the friction, how long it took, how far from each
@@ -49,9 +49,10 @@ reached: list[str] = []
 
 
 def run(job: tuple[dict[str, Gait], int]) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     gaits, draw = job
-    ahead, rng = gaits[AHEAD], np.random.default_rng(draw)
+    ahead = gaits[AHEAD]
+    rng = np.random.default_rng(draw)
     robot = with_varied_parameters(ahead.robot, rng)
     share = rng.uniform(1 - FRICTION, 1 + FRICTION)
     robot.ground.friction *= share

@@ -123,7 +123,7 @@ class Calibration(Summarized):
         fit = self.prediction.fit if self.prediction else None
         return next_recording(fit, self.sources, self._further_sag)
 
-    @property
+    @functools.cached_property
     def _further_sag(self) -> str:
         planar = only_segment(self.parameters).axes == 1
         stiffness = self.stiffness

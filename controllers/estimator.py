@@ -136,7 +136,9 @@ class Estimator:
         limb = LimbModel.of(parameters)
         self.parameters = parameters = limb.parameters
         model = self.model = ReducedModel(limb)
-        H, W, F = model.size, model.num_wires, model.num_bends
+        H = model.size
+        W = model.num_wires
+        F = model.num_bends
         period = model.period
         layout = limb.layout
         record = parameters.calibration
@@ -198,7 +200,8 @@ class Estimator:
             readings: V (W), °C; NaN where there is none.
             bend_angle: readings of the bend sensors (F), rad; NaN where there is none.
         """
-        W, F = self.model.num_wires, self.model.num_bends
+        W = self.model.num_wires
+        F = self.model.num_bends
         # The heat of a limb with these readings, and its standard deviations.
         temperature = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
         heat = self.model.rested(temperature)
@@ -272,7 +275,8 @@ class Estimator:
         jump, the reading has to stay for a while first. It is believed when it jumps back.
         """
         model = self.model
-        W, F = model.num_wires, model.num_bends
+        W = model.num_wires
+        F = model.num_bends
         period = model.period
 
         # Find the sensors that work: those whose readings are numbers and are not stuck.
@@ -358,7 +362,8 @@ class Estimator:
 
     def predict(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
         """Return the estimate a period later under duty (W,), without new readings."""
-        H, W = self.model.size, self.model.num_wires
+        H = self.model.size
+        W = self.model.num_wires
         period = self.model.period
         # The heat a period later, and the slopes F of all that is estimated.
         heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
@@ -490,7 +495,9 @@ class LimbObserver(LeafSystem):
         self._estimator = Estimator(parameters)
         self._ahead = ReducedModel(parameters, PREDICTION_TIMES[0])
         model = self._estimator.model
-        H, W, F = model.size, model.num_wires, model.num_bends
+        H = model.size
+        W = model.num_wires
+        F = model.num_bends
         # The duty and the readings, which the state's update reads.
         self.DeclareVectorInputPort("duty", W)
         self.DeclareVectorInputPort("measured_temperature", W)

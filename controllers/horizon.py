@@ -267,10 +267,10 @@ class HorizonProgram(QuasiStaticProgram):
 
     def solve_for_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
         """Return the best duty (K, W) of the model linearized along heats (K + 1, H) and duty."""
-        solution = self.solve_linearized(self._points(heats[:, None], duty[None])[:, 0])
+        solution = self.linearized.solve(self._points(heats[:, None], duty[None])[:, 0])
         if solution is None:
             return None
-        return np.clip(solution[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)
+        return np.clip(solution.x[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)
 
     def costs(self, rollouts: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return the costs (B,) of B rollouts (K + 1, B, H) under duty (B, K, W)."""
@@ -292,6 +292,10 @@ class HorizonProgram(QuasiStaticProgram):
         x[self.duty[:-1]] = np.moveaxis(duty, 0, -1)
         x[self.bends] = np.moveaxis(self._model.bend_angle(rollouts), 1, -1)
         return x
+
+    def _fixed_heat_blocks(self) -> list[ConstraintBlock]:
+        """Return the steps of the model, in place of (17)."""
+        return [self._heat_block]
 
     def _make_heat_block(self) -> ConstraintBlock:
         """Return the steps of the model without readings, on which nothing here depends."""

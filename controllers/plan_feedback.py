@@ -156,17 +156,16 @@ class PlanRegulator(PlanController):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, trajectory: Trajectory, *, parameters: LimbParameters | None = None):
+    def __init__(self, trajectory: Trajectory):
         """
         Args:
             trajectory: the plan.
-            parameters: description of the limb, for gains and estimates; the plan's if None.
         """
-        parameters = LimbParameters.of(parameters or trajectory.parameters)
+        parameters = LimbParameters.of(trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
         super().__init__(parameters, self._plan.duty[0])
         self._regulator = regulator_gains(self._estimator.model, self._plan)
-        # Other parameters than the plan's bend otherwise under the plan's duty.
+        # The reduced model bends otherwise under the plan's duty.
         first = trajectory.bend_angle[:, :1].T
         planned = np.vstack([first, self._plan.bend_angle[:-1]])
         self._plan_difference = self._estimator.model.bend_angle(self._plan.heat) - planned
@@ -185,7 +184,8 @@ def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
 
     The bend at the beginning of a period counts at its end, and so not in the last one.
     """
-    W, F = model.num_wires, model.num_bends
+    W = model.num_wires
+    F = model.num_bends
     N = model.size - W
     _, by_heat, by_duty = model.linearized_step(plan.heat, plan.duty)
     slopes = model.bend_slopes(plan.heat)[1]

@@ -44,6 +44,8 @@ class RecedingHorizon(PlanController):
 
     - output 1 ``replans``: numbers of plans that were begun, were late and failed (3)
     - state, discrete, at 20 Hz: 2: the replans; 3: the plan in force
+
+    ``counts`` has the newest replans (3), for a summary when the simulation is gone.
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -63,6 +65,7 @@ class RecedingHorizon(PlanController):
         self._template = first
         margin = horizon_task().temperature_margin
         self._highest = np.array(trajectory.parameters.temperature_limits.maximum - margin)
+        self.counts = np.zeros(3)
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(pack(first))
         self.DeclareStateOutputPort("replans", replans)
@@ -74,6 +77,7 @@ class RecedingHorizon(PlanController):
             plan = _newer_plan(made, plan, counts)
             state.set_value(2, counts)
             state.set_value(3, pack(plan))
+            self.counts = counts
         missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
         return plan.duty_at(time), PROPORTIONAL_GAIN * missed
 
@@ -94,6 +98,7 @@ class RecedingHorizon(PlanController):
         elif not is_late:
             self._process.begin(*request)
         state.set_value(2, counts)
+        self.counts = counts
 
 
 def _newer_plan(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:

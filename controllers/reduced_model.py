@@ -56,8 +56,8 @@ class ReducedModel:
         duty = ca.SX.sym("D", W)
         after = self._state_step(heat, duty)
         self.symbolic_step = ca.Function("step", [heat, duty], [after])
-        self._rollouts: dict[int, ca.Function] = {}  # by their number of steps
         self._step = SmoothFunction(after, ca.vertcat(heat, duty))
+        self._steps_in_a_row = functools.cache(self.symbolic_step.mapaccum)
 
     def _state_step(self, heat: ca.SX, duty: ca.SX) -> ca.SX:
         """Return the heat (H,) a period later, by the midpoint method."""
@@ -150,8 +150,7 @@ class ReducedModel:
         starts = heat.reshape(-1, self.size).T
         # CasADi takes the steps of one rollout after those of another.
         levels = np.moveaxis(duty.reshape(num_steps, -1, self.num_wires), 0, 1)
-        if num_steps not in self._rollouts:
-            self._rollouts[num_steps] = self.symbolic_step.mapaccum(num_steps)
-        after = self._rollouts[num_steps](starts, levels.reshape(-1, self.num_wires).T).full()
+        steps = self._steps_in_a_row(num_steps)
+        after = steps(starts, levels.reshape(-1, self.num_wires).T).full()
         after = after.T.reshape(-1, num_steps, self.size).swapaxes(0, 1)
         return np.concatenate([heat[None], after.reshape(num_steps, *heat.shape)])

@@ -36,28 +36,17 @@ class TemperatureLimiter:
       calibrated);
     - the excess of a reading that the estimate does not believe yet.
 
-    - ``limit``: °C.
+    - ``limit``: ``temperature_limits.maximum`` less `temperature_margin`, but at least 5 °C below
+      ``temperature_limits.measured_maximum``, °C.
 
     Args:
         parameters: description of the limb.
-        limit: °C; if None, ``temperature_limits.maximum`` less `temperature_margin`, but at
-            least 5 °C below ``temperature_limits.measured_maximum``.
-
-    Raises:
-        LimbError: if the limit is not below ``temperature_limits.measured_maximum``.
     """
 
-    def __init__(self, parameters: LimbParameters, limit: float | None = None):
+    def __init__(self, parameters: LimbParameters):
         limits = parameters.temperature_limits
-        if limit is None:
-            highest = limits.maximum - temperature_margin(parameters)
-            limit = min(highest, limits.measured_maximum - BOARD_MARGIN)
-        if not limit < limits.measured_maximum:
-            raise LimbError(
-                f"The limit of a wire's temperature is {limit!r} °C; it must be below "
-                f"measured_maximum, {limits.measured_maximum:g} °C, where the board cuts out."
-            )
-        self.limit = limit
+        highest = limits.maximum - temperature_margin(parameters)
+        self.limit = min(highest, limits.measured_maximum - BOARD_MARGIN)
         self._lag_error = lag_error(parameters)
         self._model = ReducedModel(parameters, HOLD_TIME)
 
@@ -95,19 +84,15 @@ class TemperatureSupervisor(LeafSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(self, parameters: LimbParameters, *, limit: float | None = None):
+    def __init__(self, parameters: LimbParameters):
         """
         Args:
             parameters: description of the limb.
-            limit: limit of the wires' temperature, °C, as for `TemperatureLimiter`.
-
-        Raises:
-            LimbError: if the limit is not below where the board cuts out.
         """
         super().__init__()
         parameters = LimbParameters.of(parameters)
         self._estimator = Estimator(parameters)
-        self._limiter = TemperatureLimiter(parameters, limit)
+        self._limiter = TemperatureLimiter(parameters)
         # Ports, and the caps that follow from the readings.
         W = len(parameters.wires)
         duty = self.DeclareVectorInputPort("duty", W)
@@ -138,16 +123,13 @@ class TemperatureSupervisor(LeafSystem):
         return np.clip(np.nan_to_num(commanded, nan=0.0), 0.0, caps)
 
 
-def supervised(
-    controller: System, parameters: LimbParameters, *, limit: float | None = None
-) -> Diagram:
+def supervised(controller: System, parameters: LimbParameters) -> Diagram:
     """Return a controller behind a `TemperatureSupervisor`, with the controller's ports.
 
     Args:
         controller: with the output ``duty`` and any inputs that a limb has outputs for;
             it becomes part of the diagram.
         parameters: description of the limb.
-        limit: °C, as for `TemperatureLimiter`.
 
     Returns:
         A system for ``replay(trajectory, limb, controller=...)``.
@@ -166,5 +148,5 @@ def supervised(
             f"{type(controller).__name__} has a duty for {num_duties} wires, but the limb has "
             f"{num_wires}."
         )
-    supervisor = TemperatureSupervisor(parameters, limit=limit)
+    supervisor = TemperatureSupervisor(parameters)
     return wrap_controller(supervisor, controller)

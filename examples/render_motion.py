@@ -256,9 +256,11 @@ def draw_moments(motion, times: np.ndarray) -> Figure:
     axes = figure.subplots(rows, COLUMNS, squeeze=False)
     for axis in axes.flat:
         axis.set_axis_off()
+    # Render each moment.
     for axis, time in zip(axes.flat, times, strict=False):
         axis.imshow(scene.at(time), interpolation="antialiased")
         axis.set_title(f"{time:.1f} s", loc="left", fontsize=10)
+    # Add the scale of the colours.
     scale = heat_scale(motion.parameters)
     figure.colorbar(scale, ax=axes, label="wire temperature (°C)", aspect=30, pad=0.01)
     return figure

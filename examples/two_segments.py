@@ -39,6 +39,7 @@ def main(options):
     recording = simulate(Limb(options.limb), trajectory)
     recording.save(options.out / "two_segments.csv")
     errors = np.abs(trajectory.since_start().bend_angle_at(recording.time) - recording.bend_angle)
+    # Print and draw plan and simulation.
     print(plan_summary(trajectory))
     for number, error in enumerate(np.rad2deg(errors.max(axis=1)), 1):
         print(f"segment {number}   simulated within {error:.3f}° of the plan")

@@ -1,5 +1,7 @@
 """The first-order low-pass filter: heat follows duty and a reading follows heat by it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dtbtrs
@@ -16,13 +18,25 @@ def low_pass(
         gain: 1 - decay if None, so that y settles to x.
         axis: axis of time.
     """
-    if gain is None:
-        gain = 1.0 - decay
-    driven = gain * np.moveaxis(np.asarray(signal, float), axis, 0)
-    # All steps are one triangular system of equations with two diagonals: scipy.signal, which has
-    # such filters, takes longer to import than all the rest.
-    diagonals = np.ones((2, len(driven)))
-    diagonals[1] = -decay
-    columns = driven.reshape(len(driven), -1)
-    filtered, _ = dtbtrs(diagonals, columns, uplo="L")
-    return np.moveaxis(filtered.reshape(driven.shape), 0, axis)
+    gained = (1.0 - decay if gain is None else gain) * np.asarray(signal, float)
+    return feed_back(gained, [decay], axis)
+
+
+def feed_back(signal: np.ndarray, shares: Sequence[float], axis: int = -1) -> np.ndarray:
+    """Return y_k = x_k + Σ_i shares_i y_k-i of a signal x in equal steps, from y = 0 on.
+
+    It solves these equations at once, as scipy.signal takes longer to import than all the rest.
+
+    Args:
+        signal: x, any shape.
+        shares: of y one step before, two steps before, and so on.
+        axis: axis of time.
+    """
+    values = np.moveaxis(signal, axis, 0)
+    if not values.size:
+        return signal
+    # The equations are triangular, with as many bands below the diagonal as there are shares.
+    bands = np.ones((1 + len(shares), len(values)))
+    bands[1:] = -np.array(shares)[:, None]
+    solution, _ = dtbtrs(bands, values.reshape(len(values), -1), uplo="L", diag="U")
+    return np.moveaxis(solution.reshape(values.shape), 0, axis)

@@ -72,6 +72,9 @@ FEW_POINTS = 40
 FEW_BOUND_POINTS = 100  # of a bound function, which has no overhead
 # CasADi evaluates so many points before numpy does: listing an instruction takes as long.
 POINTS_BEFORE_LISTING = 1000
+# In longer functions, CasADi takes 30 ms and more for a search of equal subexpressions, which are a
+# few per cent of them.
+MAX_SEARCHED_INSTRUCTIONS = 4000
 _POINT_LOCK = threading.RLock()
 CHUNK = 1500  # points that numpy evaluates at once, so that they stay in the processor's cache
 
@@ -85,8 +88,11 @@ class Compiled:
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
-        dense = [ca.vec(output.nz[:]) for output in ca.cse(list(outputs))]
+        dense = [ca.vec(output.nz[:]) for output in outputs]
         self._function = ca.Function("function", list(inputs), dense)
+        # Find equal subexpressions, unless that takes longer than their evaluation.
+        if self._function.n_instructions() < MAX_SEARCHED_INSTRUCTIONS:
+            self._function = ca.Function("function", list(inputs), ca.cse(dense))
         self._input_sizes = [symbols.numel() for symbols in inputs]
         self._sizes = [output.numel() for output in dense]
         self._num_points_by_casadi = 0
@@ -125,7 +131,7 @@ class Compiled:
         with np.errstate(all="ignore"):
             for start, end in itertools.pairwise(ends):
                 part = slice(start, end)
-                self._fill([values[:, part] for values in (*flat, *results)])
+                self._bound_in_numpy([values[:, part] for values in (*flat, *results)])()
         if dtype.hasobject:  # constants among the values, too, become one of Drake's scalars
             results = [values + 0.0 * inputs[0].flat[0] for values in results]
         return [values.reshape(-1, *shape) for values in results]
@@ -155,17 +161,7 @@ class Compiled:
         num_points = arrays[0].shape[1]
         if num_points < FEW_BOUND_POINTS:
             return self._bound_in_casadi(num_points, arrays)
-        rows = self._rows(arrays)
-        calls: list[tuple[Callable[..., Any], tuple]] = []
-        for operation, first, second, target in self._array_code[2]:
-            operands = (rows[first],) if second < 0 else (rows[first], rows[second])
-            calls.append((operation, (*operands, rows[target])))
-
-        def evaluate() -> None:
-            for operation, operands in calls:
-                operation(*operands)
-
-        return evaluate
+        return self._bound_in_numpy(arrays)
 
     def _bound_in_casadi(self, num_points: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
         """Return a function from arrays into others, which CasADi evaluates point after point."""
@@ -186,22 +182,22 @@ class Compiled:
 
         return evaluate_at_points
 
-    def _fill(self, arrays: Sequence[np.ndarray]) -> None:
-        """Evaluate the expressions once, from the first arrays into the others; see `bound`."""
-        rows = self._rows(arrays)
-        for operation, first, second, target in self._array_code[2]:
-            if second < 0:
-                operation(rows[first], rows[target])
-            else:
-                operation(rows[first], rows[second], rows[target])
-
-    def _rows(self, arrays: Sequence[np.ndarray]) -> list:
-        """Return the operands of the instructions: registers, constants, inputs and outputs."""
-        num_registers, constants, _ = self._array_code
+    def _bound_in_numpy(self, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
+        """Return a function from arrays into others, which numpy evaluates for all points."""
+        num_registers, constants, steps = self._array_code
+        # The operands of the steps: registers, constants, inputs and outputs.
         rows = [*np.empty((num_registers, arrays[0].shape[1]), arrays[-1].dtype), *constants]
         for values in arrays:
             rows.extend(values)
-        return rows
+
+        def evaluate() -> None:
+            for operation, first, second, target in steps:
+                if second < 0:
+                    operation(rows[first], rows[target])
+                else:
+                    operation(rows[first], rows[second], rows[target])
+
+        return evaluate
 
     @functools.cached_property
     def _array_code(self) -> tuple[int, list[float], list[tuple]]:

@@ -34,6 +34,7 @@ class Wires:
     - ``levers``: B, direction of the wires' torque on the joints (n, W), from `LimbMechanics`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
+    - ``are_linear``: whether both are true.
     - ``torque_needs_angle``: whether any force depends on the angle, of a wire or of the rubber.
     - ``heat``: [ẋ, V̇] (N + W,), per second, of [x, V, D], as a `SmoothFunction`: (6), (7) and the
       memory of the rubber. ``symbolic_heat`` is the same as a CasADi function of x, V and D.
@@ -108,6 +109,7 @@ class Wires:
         self.rates_are_affine = ca.is_linear(heat_rates, ca.vertcat(x, V, D))
         self.torque_needs_angle = ca.depends_on(force, q)
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
+        self.are_linear = self.rates_are_affine and self.torque_is_affine
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""

@@ -302,7 +302,8 @@ class Planner:
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
         """Return the start of a program: its decision variables, and multipliers if any."""
         if isinstance(program, QuasiStaticProgram):
-            return program.guess(), None
+            solution = program.linear_start()
+            return (solution.x, solution.multipliers) if solution else (program.guess(), None)
         # Solve the quasi-static program.
         quasi_static, solution = solve_quasi_static(
             self._model,

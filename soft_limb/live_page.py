@@ -49,7 +49,6 @@ from soft_limb.reports.page import TEMPLATES, part
 
 LOOPBACK = "127.0.0.1"
 STARTUP_TIMEOUT = 60.0  # s, for the page's process on a busy computer
-MAX_REASON_LENGTH = 2000  # characters, which a pipe takes without a reader
 STOPPED = "stopped by Ctrl-C, by a signal or on the page"
 NO_REASON = (
     "the program ended without a reason: it was stopped while it planned, it was killed, or it "
@@ -188,7 +187,7 @@ class LivePage:
         self._socket.close()
         assert self._process.stdin
         try:
-            self._process.stdin.write(reason.encode()[:MAX_REASON_LENGTH])
+            self._process.stdin.write(reason.encode())
             self._process.stdin.close()
         except OSError:
             died = True
@@ -257,6 +256,7 @@ class Run:
         self.last_message = time.monotonic()
         self.activity = message.activity
         self.is_running = message.reading is not None
+        # Keep the reading for the curves.
         if message.reading is None:
             return
         self.reading = message.reading
@@ -356,6 +356,7 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
     readings = list(readings)
     layout = LimbModel.of(header.parameters).layout
     columns_by_name = {"time": [reading.time for reading in readings]}
+    # Number the rows of each signal; a signal without readings is a gap.
     for name, size, scale in (
         ("bend_angle", layout.num_bends, 180.0 / np.pi),
         ("reference", layout.num_bends, 180.0 / np.pi),
@@ -457,6 +458,7 @@ def alarms(run: Run) -> list[tuple[str, str]]:
         return []
     parameters = run.header.parameters
     limits = parameters.temperature_limits
+    # Compare the readings with T_max and the limit at which the heaters go off.
     wire_alarms = []
     for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
         is_too_hot = value >= min(limits.measured_maximum, run.header.limit)

@@ -1,7 +1,6 @@
 """The times of a log's rows: units, midnight, restarts, coarse clocks, and a second file's."""
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from calibration.import_logs.evidence import correlation
 from calibration.import_logs.mapping import FRAMES, TIME_OF_DAY, TIME_UNITS, UNKNOWN, TimeColumn
@@ -121,16 +120,16 @@ def times_of(
         before = float(np.nanmax(times[:row]))
         if (times[row:] < before).sum() > MIN_ROWS:
             times[row:] += before + RESTART_GAP - times[row]
-    if is_coarse := _is_coarse(times[rows_with_time]):
-        times[rows_with_time] = _smooth_times(times[rows_with_time])
+    if step := _clock_step(times[rows_with_time]):
+        times[rows_with_time] = _smooth_times(times[rows_with_time], step)
     # Leave out rows that are not later than all before.
     latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
     kept = times > np.append(-np.inf, latest[:-1])
     if kept.sum() < 2:
         raise LogError(f"the column {column.column!r} holds no time that increases.")
     if kept.all():
-        return times, slice(None, None, direction), is_coarse  # long logs are not copied
-    return times[kept], np.arange(len(times))[::direction][kept], is_coarse
+        return times, slice(None, None, direction), step > 0  # long logs are not copied
+    return times[kept], np.arange(len(times))[::direction][kept], step > 0
 
 
 def row_times(table: LogTable, column: TimeColumn, rate: float = 0.0) -> np.ndarray:
@@ -176,34 +175,33 @@ def usual_rate(times: np.ndarray) -> float:
     return rate
 
 
-def _is_coarse(times: np.ndarray) -> bool:
-    """Return whether a clock's step is as long as rows are apart: seconds, single precision."""
+def _clock_step(times: np.ndarray) -> float:
+    """Return the step of a coarse clock: seconds, single precision; 0 if the clock is fine."""
     steps = np.diff(times)
-    if len(steps) < MIN_ROWS or (steps > 0).sum() < 2:
-        return False
-    return bool((steps == 0).mean() > MIN_REPEATED_SHARE) or _clock_step(steps) > 0.0
-
-
-def _clock_step(steps: np.ndarray) -> float:
-    """Return the step of a coarse clock, of which all steps are multiples, s; 0 if it is fine."""
     short = steps[(steps > 0) & (steps <= MIN_GAP)]
-    step = float(np.quantile(short, 0.02)) if len(short) else 0.0
-    if not step or step < MIN_CLOCK_STEP * np.mean(short):
+    if len(steps) < MIN_ROWS or (steps > 0).sum() < 2:
         return 0.0
-    multiples = short / step
-    is_whole = np.abs(multiples - np.round(multiples)) < 0.1
-    return step if is_whole.mean() > 0.98 and np.round(multiples).std() > 0.1 else 0.0
+    # All steps between rows are multiples of the clock's.
+    step = float(np.quantile(short, 0.02)) if len(short) else 0.0
+    if step and step >= MIN_CLOCK_STEP * np.mean(short):
+        multiples = short / step
+        is_whole = np.abs(multiples - np.round(multiples)) < 0.1
+        if is_whole.mean() > 0.98 and np.round(multiples).std() > 0.1:
+            return step
+    # Else rows of one time tell that the clock is coarse.
+    has_repeated = (steps == 0).mean() > MIN_REPEATED_SHARE
+    return float(np.min(steps[steps > 0])) if has_repeated else 0.0
 
 
-def _smooth_times(times: np.ndarray) -> np.ndarray:
-    """Return times of a coarse clock (K,), s, evenly spread between gaps.
+def _smooth_times(times: np.ndarray, clock: float) -> np.ndarray:
+    """Return times (K,), s, of a clock with coarse steps, evenly spread between gaps.
 
     The clock's error, as far as rows come at one rate, is its mean over many of its steps.
     """
-    steps = np.diff(times)
-    clock = _clock_step(steps) or float(np.min(steps[steps > 0]))
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
     smoothed = times.copy()
-    gaps = np.flatnonzero(np.abs(steps) > max(MIN_GAP, 3 * clock)) + 1
+    gaps = np.flatnonzero(np.abs(np.diff(times)) > max(MIN_GAP, 3 * clock)) + 1
     for rows in np.split(np.arange(len(times)), gaps):
         duration = times[rows[-1]] - times[rows[0]]
         if len(rows) < MIN_ROWS or duration <= 0:

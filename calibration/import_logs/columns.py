@@ -1,6 +1,7 @@
 """The columns of a log: what their names say, and their numbers."""
 
 import functools
+import itertools
 import operator
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -26,11 +27,13 @@ class Column:
         self.text = name.text
         self.values = values
         self.steps = steps
+        self.is_number = name.quantity in ("", "counts")  # of no other quantity
         is_missing = np.isnan(values)
         self.present = values[~is_missing] if is_missing.any() else values
-        self.low, self.high = np.quantile(self.present, [0.02, 0.99])
+        self.lowest, self.low, self.high = np.quantile(self.present, [0.003, 0.02, 0.99])
         self.span = float(np.ptp(self.present))
         self.top = float(np.abs(self.present).max())
+        self.first = float(np.median(self.present[:5]))
         # A duty is 0 at times, stands still mostly, and is not negative.
         self.looks_like_heat = False
         if self.span and self.present.min() >= 0 and self.present.max() <= MAX_DUTY:
@@ -74,9 +77,13 @@ class ColumnList(list[Column]):
         """The columns whose numbers change."""
         return self.where(lambda column: column.span > 0)
 
+    def having(self, attribute: str, value: object) -> "ColumnList":
+        """Return the columns that have a value of an attribute."""
+        return ColumnList(itertools.compress(self, [own == value for own in self.each(attribute)]))
+
     def labelled(self, label: str) -> "ColumnList":
         """Return the columns with a wire's label in their names; none if it is empty."""
-        return self.where(lambda column: label and column.name.label == label)
+        return self.having("name.label", label) if label else ColumnList()
 
     def without(self, columns: Iterable[object]) -> "ColumnList":
         """Return the columns that are not among some others."""

@@ -7,6 +7,7 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import itertools
+import operator
 import re
 from collections.abc import Iterable
 
@@ -27,14 +28,13 @@ COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
-ROOM_RANGES = {"C": (2.0, 42.0), "F": (42.0, 110.0), "K": (275.0, 315.0)}  # where limbs rest
-READING_RANGES = {"C": (8.0, 80.0, 300.0), "F": (46.0, 180.0, 570.0), "K": (281.0, 360.0, 575.0)}
-MAX_COLD = 35.0  # below which the readings of a log that starts warm are in °C
+ROOM_RANGE = (2.0, 42.0)  # °C, where limbs rest
+MIN_COLD = 8.0  # °C, which the coldest readings are above
+MAX_COLD = 80.0  # °C, which the coldest readings are below
+MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
-MAX_COLD_SPREAD = 0.1  # of the coldest readings of a long log, in shares of its warming
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
-SLOWEST_COOLING = 200.0  # s, in which wires and silicone lose most of their heat
 MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
@@ -184,12 +184,11 @@ class Columns:
 
     def _of_role(self, role: str) -> ColumnList:
         """Return the columns whose names say this role, and that are measured."""
-        return self.columns.where(lambda c: c.name.role == role and c.name.is_measured)
+        return self.columns.having("name.role", role).having("name.is_measured", True)
 
     def _unnamed(self) -> ColumnList:
-        """Return free columns that move, and whose names say no signal and no other quantity."""
-        plain = self._of_role("").moving.where(lambda c: c.name.quantity in ("", "counts"))
-        return plain.where(self.free.__contains__)
+        """Return free columns that move, and whose names say no signal."""
+        return self._of_role("").moving.where(self.free.__contains__)
 
     def _like_columns(self, role: str, unnamed: ColumnList, likely: ColumnList) -> ColumnList:
         """Return the columns that are alike and of a role by their numbers; else ask for it."""
@@ -208,16 +207,16 @@ class Columns:
         # Keep the columns whose names say it best; without names, columns that others follow.
         candidates = self._of_role(DUTY)
         if not candidates:
-            unnamed = self._unnamed()
+            unnamed = self._unnamed().having("is_number", True)
             likely = unnamed.where(lambda c: c.looks_like_heat and self._is_followed(c))
             candidates = self._like_columns(DUTY, unnamed, likely)
         best = min(candidates.each("name.rank"), default=0)
-        self.duties = candidates.where(lambda c: c.name.rank == best)
+        self.duties = candidates.having("name.rank", best)
         self.duties.sort(key=lambda column: column.name.order)
         self.free = self.free.without(self.duties)
         if not self.duties:
             if not self.questions or self.questions[-1].field != "wires[0].duty":
-                likely = self.columns.where(lambda c: c.looks_like_heat)
+                likely = self.columns.having("looks_like_heat", True)
                 self.ask("no duty", "wires[0].duty", likely)
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
             return
@@ -281,7 +280,7 @@ class Columns:
         named = self._of_role(TEMPERATURE)
         self.temperatures = named.where(lambda c: c.name.quantity != "counts")
         if not self.temperatures and self.duties:
-            unnamed = self._unnamed().where(lambda c: not c.name.quantity)
+            unnamed = self._unnamed().having("name.quantity", "")
             warmed = unnamed.where(self._is_warmed)
             self.temperatures = self._like_columns(TEMPERATURE, unnamed, warmed)
         self.free = self.free.without(self.temperatures)
@@ -373,77 +372,61 @@ class Columns:
         wire = self.wires[index]
         wire.temperature = UNKNOWN
         units = set(ColumnList(choices).each("name.unit"))
-        wire.unit = units.pop() if len(units) == 1 and units <= set(READING_RANGES) else UNKNOWN
+        is_known = len(units) == 1 and units <= set(mapping.TEMPERATURE_UNITS)
+        wire.unit = units.pop() if is_known else UNKNOWN
         kind = "named thermocouple" if contradiction else "thermocouple"
         field = f"wires[{index}].temperature"
         self.ask(kind, field, dict.fromkeys(choices), duty=wire.duty, reason=contradiction)
 
     def find_units(self) -> None:
-        """Give thermocouples the unit in their names if it can be, else the unit of their room."""
+        """Give thermocouples the unit in their names if it can be, else the only possible one."""
         texts = self.temperatures.each("text")
         for index, wire in enumerate(self.wires):
             if wire.temperature not in texts:
                 continue
+            # Like sensors have one unit.
             column = self.temperatures[texts.index(wire.temperature)]
-            unit_in_name = column.name.unit if column.name.unit in READING_RANGES else ""
-            units = np.array(self.temperatures.each("name.unit"))
-            is_similar = units == column.name.unit
-            similar = ColumnList(itertools.compress(self.temperatures, is_similar))
-            wire.unit = self._unit_of(similar, unit_in_name)
+            similar = self.temperatures.having("name.unit", column.name.unit)
+            named = list({column.name.unit} & set(mapping.TEMPERATURE_UNITS))
+            wire.unit = self._unit_of(similar, named)
             if wire.unit == UNKNOWN:
-                kind = "named unit" if unit_in_name else "unit"
+                kind = "named unit" if named else "unit"
                 facts = {"column": column.text, "low": column.low, "high": column.present.max()}
-                self.ask(kind, f"wires[{index}].unit", READING_RANGES, **facts)
+                self.ask(kind, f"wires[{index}].unit", mapping.TEMPERATURE_UNITS, **facts)
 
-    def _unit_of(self, sensors: ColumnList, unit_in_name: str) -> str:
-        """Return the unit in which readings of like sensors are possible; else `UNKNOWN`."""
-        # Limbs that rest are in a room; warm ones may be known by how cold they become.
-        first = [float(np.median(column.present[:5])) for column in sensors]
-        lowest = sensors.each("low")
-        is_at_rest = max(np.subtract(first, lowest)) < MAX_REST_RISE and np.ptp(first) < 3.0
-        rooms = [u for u, (low, high) in ROOM_RANGES.items() if low <= np.mean(first) <= high]
-        unit = unit_in_name
-        if not unit and is_at_rest:
-            unit = (rooms or [UNKNOWN])[0]
-        elif not unit:
-            unit = "C" if max(lowest) < MAX_COLD else "K" if min(lowest) > 250.0 else UNKNOWN
-        if unit == "F" and not unit_in_name and not self.is_long:
-            unit = UNKNOWN  # a limb that is warm in °C begins where a room is in °F
-        if unit == UNKNOWN or (is_at_rest and rooms and unit_in_name and unit not in rooms):
-            return UNKNOWN
-        # Readings must be possible in this unit.
-        coldest, warmest, hottest = READING_RANGES[unit]
-        is_possible = coldest < min(lowest) and max(lowest) < warmest
-        is_possible &= max(sensors.each("high")) < hottest
-        return unit if is_possible and self._are_in_one_room(sensors, unit) else UNKNOWN
+    def _unit_of(self, sensors: ColumnList, named: list[str]) -> str:
+        """Return the unit in which the readings of like sensors can be; else `UNKNOWN`."""
+        firsts = np.array(sensors.each("first"))
+        lows = np.array(sensors.each("low"))
+        is_at_rest = (firsts - lows).max() < MAX_REST_RISE and np.ptp(firsts) < 3.0
+        # In a short log, a limb that is warm in °C may seem to rest where a room is in °F.
+        is_at_rest &= self.is_long or bool(named)
+        possible = []
+        for unit in named or mapping.TEMPERATURE_UNITS:
+            # A limb at rest is in a room, and others become nearly as cold.
+            factor, offset = mapping.TEMPERATURE_UNITS[unit]
+            first = factor * firsts.mean() + offset
+            is_possible = bool((factor * lows + offset > MIN_COLD).all())
+            is_possible &= bool((factor * lows + offset < MAX_COLD).all())
+            is_possible &= factor * max(sensors.each("high")) + offset < MAX_HOT
+            is_possible &= not is_at_rest or ROOM_RANGE[0] < first < ROOM_RANGE[1]
+            if is_possible:
+                possible.append(unit)
+        is_clear = len(possible) == 1 and (bool(named) or is_at_rest or possible != ["F"])
+        return possible[0] if is_clear and self._are_in_one_room(sensors, possible[0]) else UNKNOWN
 
     def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
         """Return whether readings may be true temperatures in one room, without offsets.
 
-        Thermocouples then become as cold as a room and as each other, at least in a long log. One
-        that has an offset stays apart from the others, and does not cool.
+        Thermocouples then become as cold as each other, and in a long log as cold as a room.
         """
         moving = sensors.moving
         if not moving:
             return True
-        coldest = [float(np.quantile(column.present, 0.003)) for column in moving]
-        if self.is_long and max(coldest) > ROOM_RANGES[unit][1]:
-            return False
-        min_offset = MIN_OFFSET / mapping.TEMPERATURE_UNITS[unit][0]
-        most_warming = max(moving.each("span"))
-        if np.ptp(coldest) >= max(min_offset, MAX_COLD_SPREAD * most_warming):
-            return False
-        # Before the first heat, a wire that is warmer than others cools.
-        starts = np.array(moving.each("means"))[:, 0]
-        warmest = moving[int(starts.argmax())]
-        lead = float(np.ptp(starts))
-        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
-        if num_steps <= 5 or lead <= min_offset:
-            return True
-        # Between the middles of the halves it cools for half of the time, at its slowest.
-        first_half, second_half = np.array_split(warmest.means[:num_steps], 2)
-        cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
-        return bool(np.nanmean(first_half) - np.nanmean(second_half) >= cooling)
+        factor, offset = mapping.TEMPERATURE_UNITS[unit]
+        coldest = np.array(moving.each("lowest"))
+        is_warm = self.is_long and factor * coldest.max() + offset > ROOM_RANGE[1]
+        return not is_warm and bool(factor * np.ptp(coldest) < MIN_OFFSET)
 
     # The bend.
 
@@ -464,20 +447,17 @@ class Columns:
             bend_e3 = self._bend_column(second)
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
             return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
-        # Without names, it is a column that follows the heat, or the only one that may be.
+        # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
-            unnamed = self._unnamed().where(lambda c: not c.looks_like_heat)
-            candidates = unnamed.where(self._is_bent)
-            if len(unnamed) == 1 and not self.duties:
-                candidates = unnamed
+            unnamed = self._unnamed().having("looks_like_heat", False)
+            numbers = unnamed.having("is_number", True)
+            candidates = numbers.where(self._is_bent)
+            if len(numbers) == 1 and not self.duties:
+                candidates = numbers
         if not candidates:
-            # Another quantity may be turned into it by a scale.
-            others = self._of_role("").moving.where(self.free.__contains__)
-            others = others.where(lambda c: not c.looks_like_heat)
-            likely = others.where(self._is_bent)[:3]
-            hints = [f"; {c.text} is a {c.name.quantity}: if it is it, give scale" for c in likely]
-            self.ask("no bend", "bend.column", likely, hints="".join(hints))
-            return BendColumns(UNKNOWN, scale=0.0 if hints else 1.0)
+            likely = unnamed.where(self._is_bent)
+            self.ask("no bend", "bend.column", likely)
+            return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
         # Several may be the bend, unless they show the same.
         first = min(candidates, key=lambda c: c.name.rank)
         for column in candidates:
@@ -565,13 +545,13 @@ class Columns:
         """
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
+        names = list(map(operator.attrgetter("name"), wires))
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array(self.duties.each("top"))
         full = log_mapping.full or max(tops, default=1)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
         is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
-        is_nameless = all(wire.name == UNKNOWN for wire in wires) and len(wires) <= 2
-        is_nameless &= self.has_sides
+        is_nameless = names in ([UNKNOWN], 2 * [UNKNOWN]) and self.has_sides
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
         if wires and not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")

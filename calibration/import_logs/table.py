@@ -122,8 +122,7 @@ class _Form:
         # The form fits as well as its rows are numbers of one decimal mark.
         rows = list(map(self.cells, lines))
         self.width, count = Counter(map(len, rows)).most_common(1)[0]
-        full_rows = [row for row in rows if len(row) == self.width]
-        self.columns = list(zip(*full_rows, strict=True))
+        self.columns = list(zip(*self._full_rows(rows), strict=True))
         cells = list(filter(None, itertools.chain(*self.columns)))
         if self.width < 2 or not cells:
             return
@@ -163,6 +162,10 @@ class _Form:
         labels, values = self._labels_and_values(line)
         return [*stamp, *values] if labels == self.labels else []
 
+    def _full_rows(self, rows: list[list[str]]) -> list[list[str]]:
+        """Return the rows with as many cells as most lines have."""
+        return [row for row in rows if len(row) == self.width]
+
     def numbers(self, lines: list[str]) -> tuple[np.ndarray, int]:
         """Return the numbers in lines (N, K), and how many lines have other numbers of cells."""
         # Read lines of numbers and nothing else at once.
@@ -175,12 +178,12 @@ class _Form:
                     return parsed.T, 0
         # Read others cell by cell.
         rows = list(filter(any, map(self.cells, lines)))
-        full = [row for row in rows if len(row) == self.width]
+        full = self._full_rows(rows)
         values = np.empty((self.width, len(full)))
         for index, column in enumerate(zip(*full, strict=True)):
             read = time_of_day if self.is_time[index] else self._number
             number_of_cell = {cell: read(cell) for cell in set(column)}
-            values[index] = [number_of_cell[cell] for cell in column]
+            values[index] = list(map(number_of_cell.__getitem__, column))
         return values, len(rows) - len(full)
 
     def _number(self, cell: str) -> float:
@@ -246,15 +249,14 @@ class _Form:
             names[0] = "time"
         # Names that are there twice, such as X and Y of points, begin with what a row above says.
         counts = Counter(filter(None, names))
-        repeated = {name for name, count in counts.items() if count > 1}
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
-        for row_above in above if repeated else ():
+        for row_above in above if max(counts.values()) > 1 else ():
             joined = list(names)
             for index, name in enumerate(names):
-                if name in {*repeated, ""}:
+                if counts[name] != 1:
                     joined[index] = f"{row_above[index]} {name}".strip()
-            if len(set(joined) - {""}) == len(joined) - joined.count(""):
+            if max(Counter(filter(None, joined)).values()) == 1:
                 return joined
         return names
 
@@ -263,10 +265,9 @@ class _Form:
         units = [""] * self.width
         above = self.head[: max(0, self.names_line - 1)]
         for row in [*self.head[self.names_line :], *reversed(above)]:
-            units_in_row = [cell if is_unit(cell) else "" for cell in row]
-            num_units = sum(map(bool, units_in_row))
+            num_units = sum(map(is_unit, row))
             if len(row) == self.width and num_units >= max(2, 0.5 * sum(map(bool, row))):
-                units = units_in_row
+                units = [cell if is_unit(cell) else "" for cell in row]
                 break
         for index, column in enumerate(self.columns):
             for amount in filter(None, map(AMOUNT.fullmatch, column)):

@@ -16,7 +16,6 @@ from calibration.remarks import CalibrationError, Remark, remarks_on_estimate
 from limb_systems import (
     BendSensor,
     ChordSensor,
-    Limb,
     LimbError,
     LimbModel,
     LimbParameters,
@@ -24,10 +23,10 @@ from limb_systems import (
     Recording,
     TipTangentSensor,
     joint_angles_from_bend_angle,
-    simulate,
 )
-from limb_systems.simulation import swing_accuracy
 from limb_systems.statics import static_equilibrium
+from planners.radau import NODES, MotionSteps, solve_steps
+from planners.transcription.collocation import ANGLE_SCALE
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
 MAX_STIFFNESS_RATIO = 10.0  # factor between the described stiffness and any such limb's
@@ -50,7 +49,7 @@ MAX_SCATTER = 0.2
 # Multiple of the described stiffness, at which limbs sag in proportion to their weight.
 RIGID_STIFFNESS_RATIO = 100.0
 
-MODEL_RATE = 100.0  # Hz, at least, of the model's ring-down
+MODEL_RATE = 200.0  # Hz, at least, of the model's ring-down
 MIN_SAMPLES = 20  # samples of a ring-down
 # Samples below which noise and an alias of the oscillation look alike.
 MIN_SAMPLES_PER_PERIOD = 3.0
@@ -571,6 +570,7 @@ def _fit_recording(parameters, recording: Recording):
     released = float(abs(held_level - np.median(signal[-MIN_SAMPLES // 2 :])) / sensor.gain)
     duration = recording.time[-1] - recording.time[release]
     rate = max(MODEL_RATE, recording.sample_rate)
+    num_steps = max(1, round(duration * rate))
 
     # The model of the cold limb rings down with a given σ.
     def ring_down(damping: float, released: float) -> DampedSinusoid:
@@ -579,24 +579,26 @@ def _fit_recording(parameters, recording: Recording):
         limb.segments[0].damping = float(damping)
         for wire in limb.wires:  # they stay cold, and laws with memory take four times as long
             wire.law = LinearLaw()
-        room = np.full(len(limb.wires), limb.ambient_temperature)
+        # It starts from rest at the angles of the release.
         swing = joint_angles_from_bend_angle(limb, released * direction)
         model = LimbModel.of(limb)
-        angles = model.mechanics.rest_angles + swing
-        cold = model.wires.cold_states
-        state = np.concatenate([angles, np.zeros_like(angles), cold, room])
-        simulation = simulate(
-            Limb(limb),
-            0 * room,
-            duration,
-            sample_rate=rate,
-            accuracy=swing_accuracy(np.abs(swing).max()),
-            initial_state=state,
+        start = np.append(model.mechanics.rest_angles + swing, np.zeros(len(swing)))
+        times = np.arange(num_steps + 1) / rate
+        still = MotionSteps(
+            times, np.tile(start, (num_steps, 1)), np.zeros((num_steps, len(NODES), len(swing)))
         )
-        assert simulation.joint_state is not None  # a model's
-        joint_angles = simulation.joint_state[: limb.num_joints]
-        bends = sensor.apparent_bends(limb.segments[0].chain, joint_angles)
-        return fit_damped_sinusoid(simulation.time, direction @ bends)
+        dynamics = model.dynamics
+        cold = np.tile(dynamics.wires.cold_states, (num_steps, len(NODES), 1))
+        motion = solve_steps(
+            dynamics.by_motion.values,
+            dynamics.by_motion.dense_slopes,
+            still,
+            cold,
+            np.repeat([ANGLE_SCALE, 1.0], len(swing)),
+        )
+        angles = motion.start[:, : len(swing)].T
+        bends = sensor.apparent_bends(limb.segments[0].chain, angles)
+        return fit_damped_sinusoid(times[:-1], direction @ bends)
 
     # Fit the sinusoid near the model's frequency.
     described = ring_down(only_segment(parameters).damping, released)

@@ -255,14 +255,16 @@ def fit_law(
         read |= run.counts[:, segment.axes :].any(axis=0)
     unknowns, unidentified = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
     problem = _FitProblem(law, runs, segment, ambient, unknowns, unidentified)
-    # Start from the optimum of a law that this law contains, or from a likelier start.
+    # Start from the optimum of this law, of a law that it contains, or from a likelier start.
     start_values: dict[str, float] = {}
     start_in_law = None
     if start is not None:
         start_values = dict(zip(start.names, start.fitted, strict=True))
-        if _is_fit_to(start, runs):
-            start_in_law = problem.contained(start)
-    x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
+        start_in_law = problem.contained(start)
+    if start_in_law is not None and start is not None and start.law is law:
+        x = start_in_law
+    else:
+        x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
     for number in range(NUM_PASSES[1]):
         # Fit, then weight residuals by what the law's form leaves, and fit again.
         x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
@@ -270,10 +272,10 @@ def fit_law(
         if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
             break
     fit = problem.fit_at(x)
-    # Return the start in place of a fit that is worse.
-    if start_in_law is None or start is None or fit.misfit <= start.misfit:
-        return fit
-    return problem.fit_at(start_in_law)
+    # Return the start in place of a fit to the same recordings that is worse.
+    if start_in_law is not None and start is not None and _is_fit_to(start, runs):
+        return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
+    return fit
 
 
 def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
@@ -510,32 +512,36 @@ class _FitProblem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which this law predicts as the law of a fit does; None if there is none."""
+        """Return x with which this law predicts as the law of a fit does; None if there is none.
+
+        Recordings that the fit does not have start as expected.
+        """
         # Take each unknown from the fit, or the value with which it has no effect.
-        former_values = dict(zip(fit.names, fit.fitted, strict=True))
+        former_unknowns = dict(zip(fit.names, fit.fitted, strict=True))
         x = self.center.copy()
         for index, unknown in enumerate(self._unknowns):
             name = unknown.name
             owner, _, field = name.rpartition(".")
-            if name not in former_values and field in FORMER_FIELDS:
+            if name not in former_unknowns and field in FORMER_FIELDS:
                 name = f"{owner}.{FORMER_FIELDS[field]}"
-            x[index] = former_values.pop(name, ABSENT_VALUES.get(field, x[index]))
-        if former_values:
+            x[index] = former_unknowns.pop(name, ABSENT_VALUES.get(field, x[index]))
+        if former_unknowns:
             return None
         size = len(self._unknowns)
         x[:size] = self._inside_bounds(x[:size])
-        # The ambient temperature, the states that both laws have, and others of cold wires.
-        initial_conditions = x[size:].reshape(len(self._runs), -1)
-        initial_conditions[:, 0] = fit_T0 = fit.initial_conditions[:, 0]
-        states = initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-        former = fit.initial_conditions[:, 1:].reshape(len(self._runs), -1, self._num_wires)
-        cold_states = np.transpose([self._law().cold_states(T0) for T0 in fit_T0])
-        for row, state in enumerate(self._law.states):
-            if state in fit.law.states:
-                states[:, row] = former[:, list(fit.law.states).index(state)]
-            else:
-                states[:, row] = cold_states[row][:, None]
-        initial_conditions[:, 1:] = states.reshape(len(self._runs), -1)
+        # The initial conditions of each recording, or of another part of it, that the fit has: the
+        # ambient temperature, the states that both laws have, and others of cold wires.
+        for run, values in zip(self._runs, x[size:].reshape(len(self._runs), -1), strict=True):
+            for predicted, former_values in zip(fit.predicted, fit.initial_conditions, strict=True):
+                if predicted.run.duty is not run.duty:
+                    continue
+                values[0] = former_values[0]
+                states = values[1:].reshape(-1, self._num_wires)
+                former = former_values[1:].reshape(-1, self._num_wires)
+                states[:] = np.array(self._law().cold_states(values[0]))[:, None]
+                for row, state in enumerate(self._law.states):
+                    if state in fit.law.states:
+                        states[row] = former[list(fit.law.states).index(state)]
         return x
 
     def _inside_bounds(self, values: np.ndarray) -> np.ndarray:
@@ -624,20 +630,22 @@ class _FitProblem:
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
     def best_start(self, values: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
-        """Return the x with the least cost, of random starts and of three given ones.
+        """Return the x with the least cost, of some starts.
 
         Args:
             values: values of the unknowns (P), for example of a former fit.
             contained: x with which a former fit is repeated; None if it cannot be.
         """
         size = len(self._unknowns)
-        # The expected values, a former fit's and random draws from the prior.
-        starts = np.tile(self.center, (NUM_STARTS, 1))
+        # The expected values, a former fit's, and its x or random draws from the prior.
+        num_starts = NUM_STARTS if contained is None else 3
+        starts = np.tile(self.center, (num_starts, 1))
         starts[0, :size] = values
         if contained is not None:
             starts[-1] = contained
-        random = np.random.default_rng(0).standard_normal((NUM_STARTS - 3, size))
-        starts[2:-1, :size] += random * self.spread[:size]
+        else:
+            random = np.random.default_rng(0).standard_normal((num_starts - 2, size))
+            starts[2:, :size] += random * self.spread[:size]
         starts[:, :size] = self._inside_bounds(starts[:, :size])
         # Simulate all starts at once, and take the start with the least cost.
         with np.errstate(all="ignore"):  # of values that nobody has

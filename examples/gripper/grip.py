@@ -193,6 +193,7 @@ def _nearest(ends: list[ca.SX], point: ca.DM) -> ca.SX:
         along = end[:2] - start[:2]
         share = ca.dot(point - start[:2], along) / ca.dot(along, along)
         points.append(start + ca.fmax(0.0, ca.fmin(1.0, share)) * (end - start))
+    # Choose the nearest of the nearest points of all links.
     nearest = points[0]
     for at in points[1:]:
         nearer = ca.norm_2(point - at[:2]) < ca.norm_2(point - nearest[:2])

@@ -9,7 +9,7 @@ true, and the split of the error, use the hidden state of the emulated limbs.
 
     python examples/reproduce_paper [FOLDER] [--quick] [--limbs N] [--others N]
 
-`make demo` does this with --quick. With --cluster, the workers of a Dask cluster do it.
+`make demo` does this with --quick.
 """
 
 import argparse
@@ -17,13 +17,12 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
 from soft_limb.runs.jobs import load_module
 
 EXAMPLES = Path(__file__).parents[1]
 WITNESSES = EXAMPLES.parent / "tests" / "witnesses"
-load_module("reproduce_paper", EXAMPLES)  # as a package, also on the workers of a cluster
+load_module("reproduce_paper", EXAMPLES)  # as a package, also in other processes
 
 from reproduce_paper.experiment import Settings  # noqa: E402
 from reproduce_paper.reproduce import reproduce_in  # noqa: E402
@@ -50,49 +49,24 @@ def main() -> int:
         help="one limb, without comparisons and disturbances; closed loop only as soft-limb "
         "follow, and learning only of the ramps",
     )
-    parser.add_argument(
-        "--no-compare",
-        action="store_true",
-        help="leave out plans with the paper's calibration and with other laws; takes half of the "
-        "time",
-    )
-    parser.add_argument(
-        "--extra",
-        action="append",
-        default=[],
-        choices=EXTRA_EFFECTS,
-        help="effect to add to the physics of all limbs; may be repeated",
-    )
-    parser.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="address of a Dask scheduler, whose workers have this package; processes on this "
-        "machine if left out",
-    )
     # Run the evaluation until it ends or a signal comes.
     options = parser.parse_args()
     if options.limbs < 1 or options.others < 0:
         parser.error("--limbs must be one or more, and --others zero or more")
     stopped = f"stopped; complete limbs are in {options.folder}"
-    return run_command(
-        lambda: reproduce_in(options.folder, _jobs(options), options.cluster), stopped
-    )
+    return run_command(lambda: reproduce_in(options.folder, _jobs(options)), stopped)
 
 
 def _jobs(options) -> list[Settings]:
     """Return the settings of each limb."""
-    whole = Settings(
-        0,
-        tuple(options.extra),
-        compare=not (options.quick or options.no_compare),
-        disturb=not options.quick,
-        quick=options.quick,
-    )
+    is_whole = not options.quick
+    whole = Settings(0, compare=is_whole, disturb=is_whole, quick=options.quick)
+    # List the limbs with the usual physics, then those with other physics.
     seeds = range(1 if options.quick else options.limbs)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
     if options.others:
         load_module("continuum", WITNESSES)  # which adds its physics
-    other = dataclasses.replace(whole, physics="continuum", extra=(), compare=False, disturb=False)
+    other = dataclasses.replace(whole, physics="continuum", compare=False, disturb=False)
     return jobs + [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
 
 

@@ -57,7 +57,7 @@ MOTIONS = (VALIDATION, *HANDS, RAMPS)
 class Settings:
     """Settings of the evaluation of one limb.
 
-    - ``seed``, ``extra``, ``physics``: arguments of the emulated limb, see `LimbTwin`.
+    - ``seed``, ``physics``: arguments of the emulated limb, see `LimbTwin`.
     - ``compare``: whether the paper's calibration and other laws make plans, too; each of these
       plans has one rollout. The limb as described always does.
     - ``disturb``: whether feedback drives the motion of Fig. 5 under `DISTURBANCES`.
@@ -66,7 +66,6 @@ class Settings:
     """
 
     seed: int
-    extra: tuple[str, ...] = ()
     physics: str = "lumped"
     compare: bool = True
     disturb: bool = True
@@ -199,7 +198,7 @@ def call_all(calls: Sequence[Callable[[], Any]], num_processes: int) -> list[Any
 
 def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:
     """Return a new limb, and its recordings for calibration."""
-    twin = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics)
+    twin = LimbTwin(seed=settings.seed, physics=settings.physics)
     return twin.specimen, collect_from_twin(twin, seed=settings.seed, num_angles=NUM_ANGLES)
 
 
@@ -208,6 +207,7 @@ def fit(
 ) -> tuple[Calibration, dict[str, LimbParameters]]:
     """Return the calibration of a limb, and models of it by name, the calibrated one as ""."""
     calibration = calibrate(recordings)
+    # Compare with the limb as described, the paper's method and each other law.
     models = {"": calibration.parameters, AS_DESCRIBED: LimbParameters()}
     if compare:
         models[PAPER] = calibrate(recordings, method="paper").parameters

@@ -25,6 +25,7 @@ def plot_taught(experiment: Experiment) -> Figure:
     motions = experiment.taught
     figure = Figure(figsize=(WIDTH, 2.6 * len(motions)), layout="constrained")
     axes = figure.subplots(2 * len(motions), 1)
+    # Draw the limb below the hand, for each motion.
     for pair, (motion, by_hand) in zip(axes.reshape(-1, 2), motions.items(), strict=True):
         repeated = experiment.ways[motion][OPEN_LOOP].rollouts[0]
         for axis, recording, title, color in (

@@ -24,20 +24,19 @@ from soft_limb.results.summaries import calibration_summary
 from soft_limb.runs.jobs import run_each
 
 
-def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = None) -> int:
+def reproduce_in(folder: Path, jobs: Sequence[Settings]) -> int:
     """Run the evaluation as a command: print its steps and tables, and write all files.
 
     Args:
         folder: folder for ``report.html``, pictures, and the files of `reproduce`.
         jobs: settings of each limb.
-        cluster: address of a Dask scheduler; processes on this machine if None.
 
     Returns:
         Exit status 0.
     """
     # Evaluate the limbs, and write figures and report.
     started = time.perf_counter()
-    summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1, cluster)
+    summaries, experiment = reproduce(jobs, folder, os.cpu_count() or 1)
     if len(jobs) == 1:
         announce("5/5 drawing figures, and writing the report")
     _draw(folder, summaries, experiment)
@@ -54,22 +53,22 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
 
 
 def reproduce(
-    jobs: Sequence[Settings], folder: Path, num_processes: int, cluster: str | None = None
+    jobs: Sequence[Settings], folder: Path, num_processes: int
 ) -> tuple[list[Summary], Experiment]:
     """Evaluate limbs: a single one in several processes, and several limbs one in each process.
 
     Args:
         jobs: settings of each limb.
         folder: folder for a folder of each limb, and for ``results.json`` of the complete limbs.
-        num_processes, cluster: as for `soft_limb.runs.jobs.run_each`.
+        num_processes: as for `soft_limb.runs.jobs.run_each`.
 
     Returns:
         The numbers of each job, and the first one's experiment.
     """
-    if len(jobs) == 1 and cluster is None:
+    if len(jobs) == 1:
         experiments = iter([evaluate(jobs[0], num_processes, announce)])
     else:
-        experiments = run_each(evaluate, jobs, num_processes, cluster=cluster)
+        experiments = run_each(evaluate, jobs, num_processes)
     completed: dict[tuple[str, int], Summary] = {}
     first = None
     for experiment in experiments:
@@ -87,6 +86,7 @@ def reproduce(
         data = list(map(dataclasses.asdict, done))
         text = json.dumps(data, indent=1, ensure_ascii=False)
         write_atomically(folder / "results.json", text)
+        # Print a line for each of several limbs.
         if len(jobs) > 1:
             print(f"{len(completed):>3} of {len(jobs)}: {_line(summary)}", flush=True)
     assert first is not None
@@ -109,6 +109,7 @@ def _family(summary: Summary) -> str:
 
 def _line(summary: Summary) -> str:
     """Return a line with a limb's mean distances from its plans, as read, by method."""
+    # Collect the mean error of each motion by method.
     errors = collections.defaultdict(list)
     aborted = 0
     for motion, ways in summary.ways.items():
@@ -152,6 +153,7 @@ def _save(experiment: Experiment, folder: Path) -> None:
     experiment.calibration.parameters.save(folder / "limb.yaml")
     data = {"calibrated limb": folder / "limb.yaml", **{path.stem: path for path in recordings}}
     write_calibration_report(experiment.calibration, folder / "calibration.html", data)
+    # Save the plans and rollouts of each motion.
     for motion, ways in experiment.ways.items():
         motion_folder = folder / motion.replace("&", "_and_").replace(" ", "_").lower()
         if motion in experiment.taught:

@@ -73,6 +73,7 @@ def write_parquet(samples, path: Path) -> None:
     fields = [field.with_metadata({"unit": units[field.name]}) for field in table.schema]
     about = json.dumps(about_of(samples, frame), ensure_ascii=False)
     schema = pyarrow.schema(fields).with_metadata({**table.schema.metadata, METADATA: about})
+    # Write the table to memory first, so that no half-written file is left.
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(table.cast(schema), buffer)
     write_atomically(path, buffer.getvalue())

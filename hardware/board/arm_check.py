@@ -113,19 +113,6 @@ def _check_voltage(voltage: float, calibrated_voltage: float, report: Report) ->
     return is_good
 
 
-class _Verdict:
-    """Reports results, and remembers whether all were good (``passed``)."""
-
-    def __init__(self, report: Report):
-        self._report = report
-        self.passed = True
-
-    def add(self, is_good: bool, sentence: str) -> None:
-        is_good = bool(is_good)  # not numpy's
-        self.passed = self.passed and is_good
-        self._report(is_good, sentence)
-
-
 def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | None = None) -> bool:
     """Return whether sensors are alive and each wire does its job.
 
@@ -148,14 +135,18 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
     parameters = parameters or LimbParameters()
     check_heat_is_measured(parameters)
     names = parameters.wire_names
-    verdict = _Verdict(report)
+    verdicts: list[bool] = []
+
+    def add(is_good: bool, sentence: str) -> None:
+        verdicts.append(bool(is_good))  # not numpy's
+        report(verdicts[-1], sentence)
 
     # Look at the sensors of the cold limb.
     info = link.info()
     check_fit(parameters, info, link.port)
-    verdict.add(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
-    _check_cold_sensors(names, [link.next_sample() for _ in range(10)], verdict)
-    if not verdict.passed:
+    add(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
+    _check_cold_sensors(names, [link.next_sample() for _ in range(10)], add)
+    if not all(verdicts):
         return False
 
     sides = shares_of(parameters).T  # (W, F), share of each wire's torque that turns each bend
@@ -168,8 +159,8 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
         contact_limits = CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf
         contacts = [_heat_wire(link, wire, sides[wire], contact_limits) for wire in wires]
         link.disarm()
-        _check_contacts(names, contacts, verdict)
-        if not verdict.passed:
+        _check_contacts(names, contacts, add)
+        if not all(verdicts):
             return False
         # Fit the bounds to this heating, and let the limb rest.
         rates = [_fit_rates([contact], wire) for wire, contact in enumerate(contacts)]
@@ -188,18 +179,18 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
     for name, (_, _, bend) in zip(names, bends, strict=True):
         largest = _bend_change(bend).max()
         sentence = f"{name} wire bends the limb by {np.rad2deg(largest):.1f}° to its own side"
-        verdict.add(largest > MIN_BEND, sentence)
+        add(largest > MIN_BEND, sentence)
     rates = [_fit_rates([contacts[wire], bends[wire]], wire) for wire in wires]
     heating = [rate.heating for rate in rates]
     most_heating = [kind.most_heating for kind in kinds]
-    _check_heat(names, heating, most_heating, verdict.add)
-    if verdict.passed:
+    _check_heat(names, heating, most_heating, add)
+    if all(verdicts):
         for around in LimbModel.of(parameters).layout.wires_of:
-            _check_likeness(names[around], rates[around], bends[around], verdict.add)
-    return verdict.passed
+            _check_likeness(names[around], rates[around], bends[around], add)
+    return all(verdicts)
 
 
-def _check_cold_sensors(names: Sequence[str], samples: Sequence[Sample], verdict: _Verdict) -> None:
+def _check_cold_sensors(names: Sequence[str], samples: Sequence[Sample], add: Report) -> None:
     """Check that wires are read as cold and the limb as nearly straight."""
     temperatures = np.nanmean(_stacked(samples, "temperature"), axis=0)
     lowest, highest = COLD_RANGE
@@ -207,22 +198,22 @@ def _check_cold_sensors(names: Sequence[str], samples: Sequence[Sample], verdict
         is_cold = lowest <= temperature <= highest
         accepted = f"cold wires have {lowest:g} to {highest:g} °C"
         advice = "" if is_cold else ": let them cool, or look at its type and poles"
-        verdict.add(is_cold, f"{name} thermocouple reads {temperature:.1f} °C; {accepted}{advice}")
+        add(is_cold, f"{name} thermocouple reads {temperature:.1f} °C; {accepted}{advice}")
     bends = bend_angle_from_tip_tangent(_stacked(samples, "tip_tangent"))
     for bend_deg in np.rad2deg(bends.mean(axis=0)):
         accepted = f"{MAX_REST_BEND_DEG:g}° are accepted"
         sentence = f"bend sensor reads {bend_deg:+.1f}° at rest, where {accepted}"
-        verdict.add(abs(bend_deg) <= MAX_REST_BEND_DEG, sentence)
+        add(abs(bend_deg) <= MAX_REST_BEND_DEG, sentence)
 
 
-def _check_contacts(names: Sequence[str], contacts: Sequence[Heating], verdict: _Verdict) -> None:
+def _check_contacts(names: Sequence[str], contacts: Sequence[Heating], add: Report) -> None:
     """Check that each wire warms its own thermocouple, and more than any other."""
     for wire, (name, (_, temperatures, _)) in enumerate(zip(names, contacts, strict=True)):
         rises = temperatures - temperatures[:5].mean(axis=0)
         warmest = np.argmax(rises[:, wire])
         own_rise = rises[warmest, wire]
         largest_other_rise = np.delete(rises[warmest], wire).max(initial=0.0)
-        verdict.add(
+        add(
             own_rise > MIN_RISE and own_rise > 2 * largest_other_rise,
             f"{name} wire warms its own thermocouple by {own_rise:.1f} °C, another by "
             f"{largest_other_rise:.1f} °C",
@@ -238,7 +229,7 @@ def _check_heat(
     """
     # Short, cool heatings measure heat no better than wires of one kind differ. The numbers are
     # rounded as they are printed, so that no verdict disagrees with its sentence.
-    least_share, most_share = RATE_FACTORS["least_heating"], RATE_FACTORS["most_heating"]
+    least_share, most_share = SAME_HEAT_RANGE
     lowest = [round(bound * least_share**2 / most_share, 1) for bound in most_heating]
     highest = [round(bound / least_share, 1) for bound in most_heating]
     heating = [round(float(rate), 1) for rate in heating]

@@ -7,7 +7,7 @@ import numpy as np
 
 from hardware.firmware import heat
 from limb_systems.heat_bounds import RATE_FACTORS, HeatBounds
-from limb_systems.low_pass import low_pass
+from limb_systems.low_pass import feed_back, low_pass
 
 # Bounds raise the slowest cooling to this many times the slowest cooling of the wire's kind.
 MAX_COOLING_FACTOR = 1.75
@@ -116,12 +116,10 @@ def unit_temperature_rise(
     duty: np.ndarray, cooling: float, share: float, interval: float
 ) -> np.ndarray:
     """Return the rise (K), °C, after each step, of a wire whose a2 is one."""
-    from scipy.signal import lfilter  # slow to import
-
     silicone = heat.SILICONE_RATE
     steps = interval * np.array([[-cooling, cooling], [silicone * share, -silicone]]) + np.eye(2)
-    numerator = [interval, -interval * steps[1, 1]]
-    return lfilter(numerator, [1.0, -np.trace(steps), np.linalg.det(steps)], duty)
+    heat_of_duty = interval * np.convolve(duty, [1.0, -steps[1, 1]])[: len(duty)]
+    return feed_back(heat_of_duty, [np.trace(steps), -np.linalg.det(steps)])
 
 
 def first_order_lag(signal: np.ndarray, rate: float, interval: float) -> np.ndarray:

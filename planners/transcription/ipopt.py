@@ -445,14 +445,12 @@ class _ScaledProblem:
 
         # Scale variables and objective.
         self.cost = _Cost(prog)
-        self.lower, self.upper = _bounds(prog)
+        self.lower, self.upper = bounds_of_variables(prog)
         # A given initial value goes before the guess, which may be of an earlier plan.
         kept = np.clip(guess[fixed], self.lower[fixed], self.upper[fixed])
         self.lower[fixed] = kept
         self.upper[fixed] = kept
-        self.scale = np.ones(prog.num_vars())
-        for index, value in prog.GetVariableScaling().items():
-            self.scale[index] = value
+        self.scale = scales_of_variables(prog)
         guess = np.clip(guess, self.lower, self.upper)
         self._cost_scale = min(1.0, 100.0 / max(abs(self.cost.evaluate(guess)), 1e-9))
         self._guess = guess / self.scale
@@ -664,7 +662,8 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
+def bounds_of_variables(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper bounds of all decision variables (num_vars,)."""
     lower = np.full(prog.num_vars(), -np.inf)
     upper = np.full(prog.num_vars(), np.inf)
     for binding in prog.bounding_box_constraints():
@@ -672,6 +671,14 @@ def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
         np.maximum.at(lower, indices, binding.evaluator().lower_bound())
         np.minimum.at(upper, indices, binding.evaluator().upper_bound())
     return lower, upper
+
+
+def scales_of_variables(prog: MathematicalProgram) -> np.ndarray:
+    """Return the typical changes of all decision variables (num_vars,)."""
+    scales = np.ones(prog.num_vars())
+    for index, scale in prog.GetVariableScaling().items():
+        scales[index] = scale
+    return scales
 
 
 def gradient_of(evaluator: EvaluatorBase, x: np.ndarray) -> np.ndarray:

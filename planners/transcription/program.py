@@ -18,7 +18,7 @@ from planners.transcription.collocation import (
     heat_block,
 )
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
-from planners.transcription.ipopt import ConstraintBlock
+from planners.transcription.ipopt import ConstraintBlock, scales_of_variables
 
 if TYPE_CHECKING:
     from limb_systems import Limb
@@ -275,9 +275,7 @@ class PlanProgram:
 
     def active_knots(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Return whether the ``added`` constraints of a name are at a bound at the knots (K,)."""
-        scales = np.ones(len(x))
-        for index, scale in self.prog.GetVariableScaling().items():
-            scales[index] = scale
+        scales = scales_of_variables(self.prog)
         knot_of = self._knots_of_variables()
         active = {}
         for name, bindings in group_by_name(self.added).items():

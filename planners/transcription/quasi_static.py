@@ -12,16 +12,11 @@ affine, the quasi-static program is first solved at a few of the knots.
 
 import copy
 import dataclasses
+import functools
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import ArrayLike
-from pydrake.solvers import (
-    ClarabelSolver,
-    LinearEqualityConstraint,
-    MathematicalProgram,
-    SolverOptions,
-)
+from pydrake.solvers import MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
@@ -31,6 +26,7 @@ from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
+from planners.transcription.linearized import LinearizedProgram
 from planners.transcription.program import PlanProgram, add_at_knots, reading_bounds
 from planners.transcription.solving import InfeasibleError, Solution, solve_program
 
@@ -173,6 +169,11 @@ def solve_quasi_static(
         """Solve the program at some knots, from heat and duty at these knots."""
         program = QuasiStaticProgram(model, times[knots], model.statics, task, measured_margin)
         program.update(reference[:, knots], initial_heat, warm_up_time)
+        linear = None if start else program.linear_start()
+        if linear and is_start:
+            return program, linear
+        if linear:
+            return program, solve_program(program, linear.x, linear.multipliers)
         guess = program.variables(*start) if start else program.guess()
         return program, solve_program(program, guess, starts_near=is_near, is_start=is_start)
 
@@ -180,8 +181,7 @@ def solve_quasi_static(
     every = np.arange(len(times))
     wires = model.wires
     num_intervals = max(1, round((times[-1] - times[0]) / START_KNOT_SPACING))
-    is_convex = wires.rates_are_affine and wires.torque_is_affine
-    if start is not None or is_convex or 2 * num_intervals > len(times):
+    if start is not None or wires.are_linear or 2 * num_intervals > len(times):
         return solve(every, start)
     # Start another program from its solution at fewer knots.
     grid = np.linspace(times[0], times[-1], num_intervals + 1)
@@ -223,7 +223,6 @@ class QuasiStaticProgram(PlanProgram):
         self.statics = statics
         self._is_soft = limit_weight is not None
         super().__init__(parameters, times, task, measured_margin, limit_weight)
-        self._tangent: tuple[MathematicalProgram, LinearEqualityConstraint] | None = None
 
     def _add_variables(self) -> None:
         K = len(self.times)
@@ -280,13 +279,21 @@ class QuasiStaticProgram(PlanProgram):
         start = self._initial_heat
         duty = self._duty_of_linear_wires()
         if duty is None:
-            limits = self.parameters.temperature_limits
-            middle = np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
-            constant = wires.holding_duty(wires.settled_states(middle))
-            duty = np.tile(constant, (len(self.times), 1))
+            duty = self._holding()[self.duty]
         states = wires.integrate_states(start[:N], duty, self.times)
         readings = integrate_readings(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
+
+    def _holding(self) -> np.ndarray:
+        """Return all decision variables of wires that are held between T_warm and T_max."""
+        wires = self.wires
+        limits = self.parameters.temperature_limits
+        middle = np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
+        states = wires.settled_states(middle)
+        duty = wires.holding_duty(states)
+        num_knots = len(self.times)
+        heat = np.concatenate([states, middle])
+        return self.variables(np.tile(heat, (num_knots, 1)).T, np.tile(duty, (num_knots, 1)).T)
 
     def variables(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Return all decision variables, from heat [x, V] (N + W, K) and duty (W, K)."""
@@ -297,45 +304,46 @@ class QuasiStaticProgram(PlanProgram):
         x[self.bends] = self.statics.values(heat[: self.wires.num_states].T)
         return x
 
-    def solve_linearized(self, x: np.ndarray) -> np.ndarray | None:
-        """Return the solution with ``blocks`` linearized about x; None if infeasible."""
-        # Linearize the blocks.
-        matrices = []
-        for block in self.blocks:
-            places = (block.rows, block.columns)
-            shape = (len(block.lower), len(x))
-            matrices.append(scipy.sparse.csc_matrix((block.jacobian(x), places), shape))
-        jacobian = scipy.sparse.vstack(matrices, "csc")
-        jacobian.eliminate_zeros()
-        ends = jacobian @ x - np.concatenate([block.evaluate(x) for block in self.blocks])
-        # Add them to the program, once, or replace them.
-        if self._tangent is None:
-            prog = self.prog.Clone()  # it shares the costs and constraints with this one
-            prog.ClearVariableScaling()  # Clarabel has its own
-            rows = LinearEqualityConstraint(jacobian, ends)
-            prog.AddConstraint(rows, prog.decision_variables())
-            self._tangent = prog, rows
-        prog, rows = self._tangent
-        rows.UpdateCoefficients(jacobian, ends)
-        result = ClarabelSolver().Solve(prog, None, SolverOptions())
-        return result.get_x_val() if result.is_success() else None
+    @functools.cached_property
+    def linearized(self) -> LinearizedProgram:
+        """The program with ``cheap_blocks`` linearized about a point."""
+        return LinearizedProgram(self)
+
+    def linear_start(self) -> Solution | None:
+        """Return the solution about wires that are held, as a start.
+
+        Only the bend is linearized if the wires are linear. It is None for other wires, and if
+        there is no solution.
+        """
+        if self.task.customize or self.task.stretch or not self.wires.are_linear:
+            return None
+        solution = self.linearized.solve(self._holding(), is_start=True)
+        if solution is None:
+            return None
+        x = solution.x
+        x[self.heat[0]] = self._initial_heat
+        self.set_free_readings(x)
+        x[self.bends] = self.statics.values(x[self.heat[:, : self.wires.num_states]])
+        return solution
 
     def _duty_of_linear_wires(self) -> np.ndarray | None:
         """Return the best duty (K, W) for `linear_limb`, its only optimum; None if infeasible."""
-        if self.wires.rates_are_affine and self.wires.torque_is_affine:
+        if self.wires.are_linear:
             return None
         reference, warm_up_time = self._asked
-        task = dataclasses.replace(self.task, customize=None)
+        task = dataclasses.replace(self.task, customize=None, stretch=None, time_weight=0.0)
         try:
             linear = LimbModel.of(linear_limb(self.parameters))
             W = self.wires.num_wires
             program = QuasiStaticProgram(linear, self.times, linear.statics, task)
             heat = np.concatenate([self._initial_heat[:W], self._initial_heat[-W:]])
             program.update(reference, heat, warm_up_time)
-            x = solve_program(program, program.guess(), is_start=True).x
+            solution = program.linear_start()
         except LimbError:
             return None
-        return np.clip(x[program.duty], 0.0, 1.0 - self.task.duty_margin)
+        if solution is None:
+            return None
+        return np.clip(solution.x[program.duty], 0.0, 1.0 - self.task.duty_margin)
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """Return the signals of a `Trajectory`, from all decision variables."""

@@ -238,6 +238,7 @@ def _fit(options: argparse.Namespace) -> int:
         if name in reports:
             data = {path.stem: path for path in recorded[name]}
             write_report(calibration, reports[name], {"calibrated limb": options.output, **data})
+        # Note limbs that must not be planned with.
         if not calibration.may_be_planned_with:
             forbidden.append(name)
         limbs[name] = calibration.parameters
@@ -302,6 +303,7 @@ def _validate(options: argparse.Namespace) -> int:
     if options.report:
         data = {"limb": options.limb, "recording": options.recording}
         write_validation_report(validation, options.report, data)
+    # Print the errors.
     print_summary(options, validation_summary(validation), outputs)
     return 0
 

@@ -78,6 +78,7 @@ def _status(options: argparse.Namespace) -> int:
             raise LimbError("--clear needs the PORT of a board.")
         print_summary(options, _serial_ports())
         return 0
+    # Print the state of the board.
     limb = LimbParameters.of(options.limb)
     with BoardLink(options.port, limb) as link:
         info = link.info()
@@ -231,8 +232,10 @@ def _board_check(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    # Check the files before the run.
     outputs = checked_outputs(options, options.trajectory)
     trajectory = Trajectory.load(options.trajectory)
+    # Drive the limb.
     with live_page(options) as live:
         if live:
             live.say(f"Replay of {options.trajectory}, controller {options.controller}")
@@ -427,12 +430,21 @@ def _emulate(options: argparse.Namespace) -> int:
     return 0
 
 
-CUT_OFF = Option(
-    "--cut-off",
-    action=argparse.BooleanOptionalAction,
-    help="confirm that a thermal cut-off is on the limb, in series with its wires; without a "
-    "cut-off no wire is heated",
-)
+SUPPLY_OPTIONS = [
+    Option(
+        "--supply",
+        type=float,
+        metavar="VOLTS",
+        help="measured voltage of the wires' supply; it must match supply_voltage in the limb's "
+        "file, if that is set; without a voltage no wire is heated",
+    ),
+    Option(
+        "--cut-off",
+        action=argparse.BooleanOptionalAction,
+        help="confirm that a thermal cut-off is on the limb, in series with its wires; without a "
+        "cut-off no wire is heated",
+    ),
+]
 COMMANDS = {
     "status": Command(
         _status,
@@ -454,16 +466,7 @@ COMMANDS = {
         "voltage of the supply, and whether there is a thermal cut-off. Without an answer it opens "
         "no port and heats nothing.",
         "board limb json",
-        [
-            Option(
-                "--supply",
-                type=float,
-                metavar="VOLTS",
-                help="measured voltage of the wires' supply; it must match supply_voltage in the "
-                "limb's file, if that is set; without a voltage no wire is heated",
-            ),
-            CUT_OFF,
-        ],
+        SUPPLY_OPTIONS,
         examples=["soft-limb arm-check /dev/ttyACM0 -l limb.yaml --supply 7.0 --cut-off"],
     ),
     "board-check": Command(
@@ -476,16 +479,7 @@ COMMANDS = {
         "First the command asks for voltage and cut-off, as arm-check does. Enter 0 V for a supply "
         "that heats no wire: it is off, or there are lamps in place of the wires.",
         "board limb json",
-        [
-            Option(
-                "--supply",
-                type=float,
-                metavar="VOLTS",
-                help="measured voltage of the wires' supply, as for arm-check; 0 if no wire can "
-                "get hot",
-            ),
-            CUT_OFF,
-        ],
+        SUPPLY_OPTIONS,
         examples=[
             "soft-limb board-check /dev/ttyACM0 --supply 0",
             "soft-limb board-check /dev/ttyACM0 --supply 7.0 --cut-off",

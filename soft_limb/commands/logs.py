@@ -140,6 +140,7 @@ def _next_commands(
     folder: Path, recordings: Mapping[Path, Recording], heated_folders: Collection[Path]
 ) -> Iterator[str]:
     """Yield the next command for each limb: fit its recordings, or plan an unheated motion."""
+    # Sort the recordings by limb.
     paths_of: dict[Path, list[Path]] = {}
     for path in recordings:
         paths_of.setdefault(path.parent, []).append(path)
@@ -162,6 +163,7 @@ def _summary(log: ImportedLog, mapping: Path) -> Summary:
         reason = f"This log leaves {left_open} open."
     error = f"{reason} Correct {mapping} and give it with --mapping." if reason else ""
     notes = log.limb.notes
+    # Put each list into lines.
     return Summary(
         [
             Entry("log", " ".join(filter(None, [str(log.path), log.limb.name]))),

@@ -50,6 +50,7 @@ def _recover(options: argparse.Namespace) -> int:
     """Finish the recording of a program that was killed."""
     if len(options.files) > 1:
         raise LimbError("--recover finishes one recording; name one file.")
+    # Read what the program had written, and save it under a new name.
     path = options.files[0]
     check_outputs([options.recover], inputs=[path], force=options.force)
     recording = Recording.load(path, unfinished=True)
@@ -73,6 +74,7 @@ def _show(options: argparse.Namespace) -> int:
             results.append(read_result(path))
         except (LimbError, OSError) as error:
             errors.append(f"error: {error}")
+    # Print the results, then the errors.
     if options.json:
         print(json.dumps({"files": [result.to_json() for result in results]}, ensure_ascii=False))
     elif results:
@@ -82,11 +84,13 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    # Compare the results, and write the page.
     page = [options.output]
     check_outputs(page, inputs=options.runs, pages=page, force=options.force)
     comparison = compare([read_result(path) for path in options.runs])
     if options.output:
         write_atomically(options.output, comparison_page(comparison))
+    # Print the tables.
     if not options.json:
         for title, rows in comparison.tables().items():
             print_table(title, rows)

@@ -77,6 +77,7 @@ def write_report(
     sentences += map(_heat_in_words, calibration.heat)
     if sentences:
         parts.append(page.section("Fits of Sec. V", page.items(sentences)))
+    # Write the page.
     record = calibration.parameters.calibration
     made = record.provenance if record else None
     page.write_page(path, "Calibration of a limb", parts, made, data)

@@ -69,6 +69,7 @@ def rollout_verdict(rollout: Rollout, summary: Summary) -> str:
             f"Interrupted at {recording.time[-1]:.1f} s of {rollout.trajectory.duration:.1f} s: "
             f"{recording.interrupted.rstrip('.')}."
         )
+    # Tell how near the limb came, and what is in doubt.
     distances = summary.texts()["reference"]
     sentences.append(f"{distances[0].upper()}{distances[1:]}.")
     if warning := far_from_reference(rollout.trajectory):
@@ -99,6 +100,7 @@ def write_rollout_report(
 
 def learning_verdict(learner: Learner) -> str:
     """Return the distances of the first and the last repetition, and why learning ended."""
+    # Compare the first repetition with the last.
     distances = np.rad2deg([repetition.reference_distance for repetition in learner.repetitions])
     first = f"Mean distance from the reference: {distances[0]:.2f}° in the first repetition"
     if len(distances) > 1:

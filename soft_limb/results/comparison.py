@@ -364,6 +364,7 @@ def _tracking(
     if len(plans) != 1 or not recordings:
         return distances, tracking
     plan = plans[0]
+    # Compute the distances of each recording from the plan and its reference.
     nearest = nearest_bend_angle(plan)
     for number, recording in recordings.items():
         errors = dataclasses.astuple(tracking_errors(plan, [recording]))
@@ -456,6 +457,7 @@ def _panels(comparison: Comparison) -> list[Panel]:
                 if number:
                     difference = curves.differences[signal][row]
                     differences.append(Curve(name, curves.common, difference, color, dash, width))
+        # Put the differences below the values.
         kind = SIGNALS[signal]
         panels.append(kind.panel(values, suffix, y_range=None))
         unit = f" ({kind.unit})" * bool(kind.unit)

@@ -24,6 +24,7 @@ def find_results(folder: Path) -> list[Path]:
     files = []
     for parent, folders, names in os.walk(folder):
         folders[:] = filter(_is_visible, folders)
+        # Keep files with the suffix of a result that are inside.
         for name in filter(_is_visible, names):
             path = Path(parent, name)
             is_inside = path.resolve().is_relative_to(folder.resolve())
@@ -49,6 +50,7 @@ def guess_file_kind(path: Path) -> str:
             tail = file.read(_TAIL)
     except OSError:
         return ""
+    # Tables and descriptions are known by their beginnings, reports by their ends.
     if kind := kind_of_head(path, head):
         return kind
     return "report" if is_html(head) and b'id="provenance"' in tail else ""

@@ -7,7 +7,6 @@ import itertools
 import os
 import shlex
 import urllib.parse
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path, PurePath
 
@@ -46,25 +45,12 @@ def overview_page(folder: Path, output: Path) -> str:
     Links are relative to the file ``output``, which is not listed. Raise LimbError if the folder
     cannot be listed.
     """
-    # Find which file was made from which.
     entries, troubles = _read_files(folder, output.resolve())
     files = [entry for entry in entries if entry.kind != REPORT]
+    reports = [entry for entry in entries if entry.kind == REPORT]
     origins = find_origins(files)
-    results = defaultdict(list)
-    for file in files:
-        for origin in origins[file]:
-            results[origin].append(file)
-    # Find the reports of each result: they have the same provenance.
-    pages = defaultdict(list)
-    unlinked = []
-    for report in entries:
-        if report.kind != REPORT:
-            continue
-        made = [file for file in files if file.provenance == report.provenance]
-        for file in made:
-            pages[file].append(report)
-        if not made:
-            unlinked.append(report)
+    # A report has the same provenance as its result.
+    provenances = [file.provenance for file in files]
 
     def href(file: ResultFile) -> str:
         relative = os.path.relpath(file.path.resolve(), output.resolve().parent)
@@ -74,17 +60,16 @@ def overview_page(folder: Path, output: Path) -> str:
         folder=folder.resolve().name or str(folder.resolve()),
         provenance=dataclasses.asdict(Provenance.now()),
         files=files,
-        others=unlinked,
+        others=[report for report in reports if report.provenance not in provenances],
         troubles=troubles,
         origins=origins,
-        results=results,
-        pages=pages,
+        results=lambda file: [made for made in files if file in origins[made]],
+        pages=lambda file: [made for made in reports if made.provenance == file.provenance],
         href=href,
         key=lambda file: file.path.relative_to(folder).as_posix(),
         day=lambda file: f"{datetime.datetime.fromtimestamp(_time_of(file)):%Y-%m-%d %H:%M}",
-        title=lambda file: file.summary.texts()["title"],
-        facts=_facts,
-        picture=lambda file: small_picture(file.value),
+        details=_DETAILS,
+        picture=small_picture,
     )
 
 
@@ -121,12 +106,6 @@ def _time_of(file: ResultFile) -> float:
         with contextlib.suppress(ValueError):
             return datetime.datetime.fromisoformat(file.provenance.time).timestamp()
     return file.path.stat().st_mtime
-
-
-def _facts(file: ResultFile) -> dict[str, str]:
-    """Return the first line of each key figure, by its name."""
-    texts = file.summary.texts().items()
-    return {name: text.splitlines()[0] for name, text in texts if name not in _DETAILS}
 
 
 def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFile]]:

@@ -80,6 +80,7 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
     path = Path(path)
     text = read_bytes(path, "result", LARGEST_TABLE, ResultError).decode("utf-8", "replace")
     text = text.removeprefix("\ufeff")
+    # Guess the kind by the first line, and read the file with the reader of this kind.
     kind = REPORT if is_html(text[:1000]) else kind_of_head(path, text)
     if not kind:
         raise ResultError(

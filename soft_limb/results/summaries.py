@@ -25,6 +25,7 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
     # Compute the distance of the best plan that the limits allow.
     best = None if quick else nearest_plan(trajectory)
     distances = reference_distances(trajectory, nearest=None if best is None else best[0])
+    # Put it into words.
     nearest = _degrees(distances.nearest)
     text = ""
     if nearest is not None:
@@ -173,6 +174,7 @@ def _law_entry(prediction: "Prediction | None") -> Entry:
                 "used": used,
             }
         )
+    # End with the reason for the choice.
     lines.append(prediction.choice)
     return Entry("laws", values, sentence="\n".join(lines))
 
@@ -188,6 +190,7 @@ def validation_summary(validation: "Validation") -> Summary:
     if np.isnan(validation.temperature_mean):
         heat = None
         heat_text = "not measured"
+    # Tell if the recording ended early.
     interrupted = validation.recording.interrupted.rstrip(".")
     if interrupted:
         heat_text += f"; until it was interrupted: {interrupted}"

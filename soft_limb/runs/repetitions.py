@@ -83,6 +83,7 @@ def repeat(
         learner.save(folder / STATE_FILE)
         learner.learned_trajectory().save(folder / LEARNED_FILE)
         announce(number, repetition)
+        # Raise the robot's failure, which has been learned from.
         if failure:
             raise failure
 

@@ -15,10 +15,8 @@ from hardware.board.serial_limb import COMMAND_DEADLINE, SerialLimb
 from hardware.live_feed import LiveView
 from hardware.replaying import replay
 from limb_systems import LimbSystem, Recording, Trajectory
-from limb_systems.drake_python import weak_method
 from limb_systems.files.output import OutputError
 from limb_systems.limb_system import check_limb
-from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from planners import nearest_bend_angle
@@ -72,6 +70,7 @@ class Rollout:
             if value is not None:
                 texts.append(f"{name} {value:.0f} °C")
         heat = f"read at most: {', '.join(texts)}" if texts else "not measured"
+        # Begin with the distances from the reference.
         return distances_summary(self.distances) + Summary(
             [
                 self._tracking(),
@@ -185,7 +184,7 @@ def roll_out(
         recording,
         np.array(robot.timing_errors) if robot else None,
         robot.link.lost_samples if robot else None,
-        driver.counts if isinstance(driver, _CountingHorizon) else None,
+        driver.counts if isinstance(driver, RecedingHorizon) else None,
     )
 
 
@@ -217,7 +216,7 @@ def make_controller(name: str, trajectory: Trajectory, *, real_time: bool = Fals
     """Return a controller by its key in `CONTROLLERS`; None for open loop."""
     kind = CONTROLLERS[name]
     if kind == "RecedingHorizon":
-        return _CountingHorizon(trajectory, real_time)
+        return RecedingHorizon(trajectory, real_time=real_time)
     return getattr(controllers, kind)(trajectory) if kind else None
 
 
@@ -228,20 +227,3 @@ def reduced_time(recording: Recording) -> float:
     commanded = np.minimum(recording.duty[:, :-2], recording.duty[:, 1:-1])
     reduced = (recording.applied_duty[:, 2:] < commanded - 2e-3).any(axis=0)
     return float(np.sum(reduced) / recording.sample_rate)
-
-
-class _CountingHorizon(RecedingHorizon):
-    """A `RecedingHorizon` that keeps its counts after the simulation and its Context are gone.
-
-    - ``counts``: last value of the output ``replans`` (3,).
-    """
-
-    __slots__ = ()  # see limb_systems.drake_python
-
-    def __init__(self, trajectory: Trajectory, real_time: bool):
-        super().__init__(trajectory, real_time=real_time)
-        self.counts = np.zeros(3)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._count))
-
-    def _count(self, context) -> None:
-        self.counts = self.GetOutputPort("replans").Eval(context).copy()

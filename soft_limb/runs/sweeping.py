@@ -98,6 +98,7 @@ def _with_fields(described: LimbParameters, fields: Mapping[str, float]) -> Limb
     """Return a limb with new values in some fields, such as ``segments.0.stiffness``."""
     limb: Any = copy.deepcopy(described)
     for path, value in fields.items():
+        # Find the owner of the field, and set it to a number of its type.
         *parents, last = path.split(".")
         try:
             owner = functools.reduce(_get_part, parents, limb)

@@ -52,7 +52,7 @@ def model_recordings(true_limb):
     state = np.concatenate([bent, 0 * bent, np.full(4, true_limb.ambient_temperature)])
     ring_down = simulate(Limb(true_limb), [0.0, 0.0], 2.5, sample_rate=100.0, initial_state=state)
     recordings = {"sag": [collect_sag(Limb(mounted))], "ring_down": [ring_down]}
-    for kind, num_angles, seed in (("right", 4, 7), ("left", 3, 0), ("both", 2, 2)):
+    for kind, num_angles, seed in (("right", 4, 7), ("left", 3, 0), ("both", 3, 2)):
         options = {"num_angles": num_angles, "longest": 40.0, "seed": seed}
         recordings[kind] = [collect_equilibria(Limb(true_limb), kind, **options)]
     return recordings

@@ -186,7 +186,7 @@ def test_schedule_goes_on_when_settled_and_not_before():
 
 
 def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordings):
-    for kind, count, sides in (("right", 4, (0, 1)), ("left", 3, (-1, 0)), ("both", 2, (-1, 1))):
+    for kind, count, sides in (("right", 4, (0, 1)), ("left", 3, (-1, 0)), ("both", 3, (-1, 1))):
         (recording,) = model_recordings[kind]
         assert recording.duty.max() <= 0.5
         angles = np.unique(recording.reference)
@@ -200,8 +200,9 @@ def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordi
     assert not model_recordings["left"][0].duty[1].any()
 
 
-def test_a_twin_is_never_hotter_than_its_limit():
-    recording = collect_equilibria(LimbTwin(seed=3), "both", num_angles=2, longest=30.0, seed=0)
+def test_a_twin_is_never_hotter_than_its_limit(described):
+    twin = LimbTwin(described, seed=3)
+    recording = collect_equilibria(twin, "both", num_angles=2, longest=30.0, seed=0)
     assert (recording.provenance.limb_seed, recording.provenance.seed) == (3, 0)
     assert recording.measured_temperature.max() < 100.0
 
@@ -236,10 +237,14 @@ def short_excitations(monkeypatch):
         ]
 
     monkeypatch.setattr("calibration.collecting.measurement_protocol.excitations", few)
-    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 15.0)
-    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 25.0)
-    monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 8.0)
-    monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 30.0)
+    for name, value in (
+        ("SAMPLE_RATE", 10.0),
+        ("WARM_UP_TIME", 12.0),
+        ("WARM_UP_END", 18.0),
+        ("CONTACT_TIME", 8.0),
+        ("CONTACT_END", 30.0),
+    ):
+        monkeypatch.setattr(f"calibration.collecting.collect.{name}", value)
     return monkeypatch
 
 
@@ -257,7 +262,7 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
         "calibration.collecting.measurement_protocol._wait_with_progress",
         lambda pause, _: waited.append(pause),
     )
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.Knowledge.LAW", TwoMassLaw)
+    monkeypatch.setattr("calibration.collecting.measurement_protocol.Knowledge.LAW", LinearLaw)
 
     def collect():
         asked.clear()

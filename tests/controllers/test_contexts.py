@@ -1,5 +1,7 @@
 """All that a controller knows is in its Context, and it does not need readings to go on."""
 
+import dataclasses
+
 import numpy as np
 
 from controllers import (
@@ -11,13 +13,20 @@ from controllers import (
     supervised,
 )
 
+
+def cooler(parameters, limit):
+    """A limb whose board cuts out 5 °C above a limit."""
+    limits = dataclasses.replace(parameters.temperature_limits, measured_maximum=limit + 5.0)
+    return dataclasses.replace(parameters, temperature_limits=limits)
+
+
 CONTROLLERS = {
     "LimbObserver": lambda plan: LimbObserver(plan.parameters),
-    "TemperatureSupervisor": lambda plan: TemperatureSupervisor(plan.parameters, limit=45.0),
+    "TemperatureSupervisor": lambda plan: TemperatureSupervisor(cooler(plan.parameters, 45.0)),
     "PlanFeedback": PlanFeedback,
     "PlanRegulator": PlanRegulator,
     "RecedingHorizon": RecedingHorizon,
-    "supervised": lambda plan: supervised(PlanFeedback(plan), plan.parameters, limit=60.0),
+    "supervised": lambda plan: supervised(PlanFeedback(plan), cooler(plan.parameters, 60.0)),
 }
 
 

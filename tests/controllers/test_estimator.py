@@ -6,7 +6,6 @@ import dataclasses
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.stats import chi2
 
 from controllers import LimbObserver
 from controllers import estimator as module
@@ -110,6 +109,8 @@ def test_on_a_linear_law_it_is_the_textbook_filter():
 
 def test_covariance_matches_the_errors_in_space():
     """e' P⁻¹ e of 15 limbs whose errors are as large as the filter's constants say is of χ²."""
+    from scipy.stats import chi2  # takes long to import
+
     parameters, rng = LimbParameters.in_space(links=2), np.random.default_rng(5)
     offsets = -0.02, 0.1
     sensor = parameters.segments[0].bend_sensor = TipTangentSensor(
@@ -345,8 +346,8 @@ def observed(fed, parameters, recording):
 
 def test_the_observer_knows_the_temperature_of_emulated_wires(fed):
     """Within 3 °C nearly always, although the limb is not calibrated and thermocouples lag."""
-    levels = np.random.default_rng(6).uniform(0.0, 0.45, (10, 2))
-    recording = simulate(LimbTwin(seed=14, truth=True), course_of(levels, 20.0), 20.0)
+    levels = np.random.default_rng(6).uniform(0.0, 0.45, (6, 2))
+    recording = simulate(LimbTwin(seed=14, truth=True), course_of(levels, 12.0), 12.0)
     shown = observed(fed, LimbParameters(), recording)
     missed = np.abs(shown.wire_temperature.T - recording.wire_temperature)
     lag = np.abs(recording.measured_temperature - recording.wire_temperature)

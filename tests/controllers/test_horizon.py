@@ -18,15 +18,14 @@ from hardware import replay
 from limb_systems import CoupledLaw, HystereticLaw, Limb, LimbError, LimbParameters, simulate
 from planners import Planner, Task, plan, references
 
+from .conftest import limb_of
+
 ONCE = Task(angle_weight=100.0, duty_weight=0.5, terminal_factor=1.0, duty_hold=0.0)
 
 
 def small_limb(law=None):
-    parameters = LimbParameters()
-    parameters.segments[0].links = 2
+    parameters = limb_of(law)
     parameters.temperature_limits.warm_up_time = 0.0
-    for wire in parameters.wires:
-        wire.law = law() if law else wire.law
     return parameters
 
 

@@ -172,9 +172,9 @@ def hysteretic() -> LimbParameters:
 
 def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
     for known, repetitions in (
-        (hysteretic(), 4),
-        (two_segments, 3),
-        (LimbParameters.in_space(links=2), 3),
+        (hysteretic(), 3),
+        (two_segments, 2),
+        (LimbParameters.in_space(links=2), 2),
     ):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []

@@ -116,7 +116,7 @@ def test_feedback_compensates_a_payload_except_towards_the_reference(short_plan)
     np.testing.assert_allclose(left.bend_angle, alone.bend_angle, atol=np.deg2rad(0.05))
 
 
-def under(fed, controller, limb, ticks=200, readings=None, bend=None):
+def under(fed, controller, limb, ticks=100, readings=None, bend=None):
     """The duty of a controller of which the readings stay the same, °C and rad."""
     W, S = len(limb.wires), len(limb.segments)
     readings = np.full(W, limb.ambient_temperature) if readings is None else readings

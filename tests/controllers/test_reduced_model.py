@@ -14,15 +14,7 @@ from limb_systems import (
     simulate,
 )
 
-
-def limb_of(law=None, **segment):
-    parameters = LimbParameters()
-    parameters.segments[0].links = 2
-    for name, value in segment.items():
-        setattr(parameters.segments[0], name, value)
-    for wire in parameters.wires:
-        wire.law = law() if law else wire.law
-    return parameters
+from .conftest import limb_of
 
 
 def stiff():

@@ -6,10 +6,10 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from other_limbs import OtherLimb
+import witness  # noqa: F401 - knows the physics
 from simulated_board import SimulatedBoard, SimulatedLink
 
-from hardware import BoardLink, HardwareError
+from hardware import BoardLink, HardwareError, LimbTwin
 from hardware.board import arm_check
 from hardware.board.arm_check import check_supply, check_wires
 from hardware.board.board_check import Host
@@ -18,6 +18,10 @@ from limb_systems import CalibrationRecord, LimbError, LimbParameters
 from soft_limb.command import main
 
 from .virtual_time import VirtualCable
+
+
+def continuum_limb() -> LimbTwin:
+    return LimbTwin(seed=1, physics="continuum")
 
 
 def check(limb, order=None, described=None):
@@ -34,13 +38,13 @@ def check(limb, order=None, described=None):
 
 
 def test_arm_check_passes_a_limb_of_another_physics():
-    passed, failures, hottest = check(OtherLimb(1))
+    passed, failures, hottest = check(continuum_limb())
     assert passed, failures
     assert hottest < 75.0
 
 
 def test_arm_check_finds_a_thermocouple_that_shows_a_share():
-    passed, failures, hottest = check(OtherLimb(1), "share right 0.6")
+    passed, failures, hottest = check(continuum_limb(), "share right 0.6")
     assert not passed
     assert "Either its thermocouple shows a share of its rise" in failures[0]
     assert hottest < 90.0
@@ -48,7 +52,7 @@ def test_arm_check_finds_a_thermocouple_that_shows_a_share():
 
 def test_the_board_ends_arm_check_where_no_heat_shows():
     with pytest.raises(LimbError, match="does not show it: it is off the wire or badly bonded"):
-        check(OtherLimb(1), "detach left")
+        check(continuum_limb(), "detach left")
 
 
 @pytest.mark.parametrize(

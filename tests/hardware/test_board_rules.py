@@ -10,6 +10,7 @@ from unittest import mock
 import pytest
 
 from hardware import HardwareError
+from hardware.board import board_check
 from hardware.board.board_check import CASES, FAILED, NOT_RUN, PASSED, Host
 from hardware.firmware import guard, protocol
 from hardware.firmware.firmware import Firmware
@@ -156,9 +157,12 @@ def test_what_needs_a_hand_is_not_run_without_one():
 
 
 def test_boards_with_four_wires_keep_the_rules_of_wires_and_bends(two_segments):
-    """Around two axes, and in two segments."""
-    rules = [rule for rule in RULES if rule.name.startswith(OF_WIRES_AND_BENDS)]
-    for limb in (LimbParameters.in_space(wires=4), two_segments):
+    """In two segments all of them, and around two axes those of which wire bends what."""
+    for limb, names in (
+        (two_segments, OF_WIRES_AND_BENDS),
+        (LimbParameters.in_space(wires=4), ("info", "sensors", "bend-", "duty-goes", "heated")),
+    ):
+        rules = [rule for rule in RULES if rule.name.startswith(names)]
         assert broken(outcomes_of(Firmware, rules, limb)) == []
     with pytest.raises(HardwareError, match="has 4 channels, but the limb has 2 wires"):
         check_board(EmulatedCable(PaperTwin(two_segments)))
@@ -234,17 +238,26 @@ def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
     assert cable.emulation.board.wire_temperature()[1] < before + 23.0 * duty * 0.3
 
 
-def test_board_check_at_a_port(virtual_time, emulator, capsys):
+def test_board_check_at_a_port(virtual_time, emulator, capsys, monkeypatch):
+    outcomes = []
+
+    def check_and_keep(host, tell):
+        check_board_at_port(host, lambda outcome: outcomes.append(outcome) or tell(outcome))
+
+    check_board_at_port = board_check.check_board
+    monkeypatch.setattr(board_check, "check_board", check_and_keep)
     check = ["board-check", emulator.port, "--supply", "7", "--cut-off"]
     assert main(check) == 0
     *lines, summary = capsys.readouterr().out.splitlines()
     assert lines == [f"ok       {case.name}" for case in CASES]
     assert summary == f"passed {len(CASES)}, failed 0, not run 0"
     assert emulator.duty() == [0.0, 0.0]
+    monkeypatch.setattr(board_check, "check_board", lambda _, tell: [*map(tell, outcomes)])
     assert main([*check, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["passed"], facts["failed"], facts["not_run"]) == (len(CASES), 0, 0)
     assert facts["checks"][-1]["section"] == "docs/protocol.md#from-the-host"
+    monkeypatch.setattr(board_check, "check_board", check_board_at_port)
     emulator.order("silence")
     virtual_time.sleep(1.0)
     assert main(check) == 1

@@ -187,6 +187,7 @@ def test_what_is_told_is_what_is_recorded(virtual_time, beginning):
 def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch, tmp_path, capsys):
     pages = []
     monkeypatch.setattr("soft_limb.runs.repetitions.REST_TIME", 1.0)
+    monkeypatch.setattr("soft_limb.runs.repetitions.write_learning_report", lambda *_: None)
     monkeypatch.setattr(live_page, "LivePage", lambda: pages.append(Told()) or pages[-1])
     reference = references.from_samples([0.0, 0.5], [0.0, 0.02])
     plan(LimbParameters(), reference, knot_rate=4.0).save(tmp_path / "plan.csv")

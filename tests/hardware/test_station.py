@@ -150,6 +150,7 @@ def test_bodies_that_no_parser_would_keep_are_refused(scenario):
 
 
 def test_inputs_that_do_not_fit_are_refused(scenario):
+    station = Station(scenario)
     of_two = [[0.1, 0.1], [0.0, 0.0]]
     of_matrices = PiecewisePolynomial.ZeroOrderHold([0.0, 2.0], [np.zeros((2, 2))] * 2)
     late = PiecewisePolynomial.ZeroOrderHold([5.0, 9.0], of_two)
@@ -167,17 +168,16 @@ def test_inputs_that_do_not_fit_are_refused(scenario):
         (short, r"thumb\.duty ends at 0\.5 s, before the 1 s of the run"),
     ):
         with pytest.raises(LimbError, match=said):
-            drive(Station(scenario), DUTY | {"thumb.duty": thumb}, 1.0)
+            drive(station, DUTY | {"thumb.duty": thumb}, 1.0)
     for inputs, said in (
         ({"thum.duty": "a"}, r"no input thum\.duty; it has finger\.duty, th"),
         ({"finger.duty": [0.0, 0.0]}, r"thumb\.duty is missing"),
     ):
         with pytest.raises(LimbError, match=said):
-            drive(Station(scenario), inputs, 1.0)
-    used = Station(scenario)
-    assert drive(used, DUTY, 0.15)["time"] == pytest.approx([0.0, 0.05, 0.1, 0.15])
+            drive(station, inputs, 1.0)
+    assert drive(station, DUTY, 0.15)["time"] == pytest.approx([0.0, 0.05, 0.1, 0.15])
     with pytest.raises(LimbError, match="part of a diagram already"):
-        drive(used, DUTY, 0.15)
+        drive(station, DUTY, 0.15)
     with pytest.raises(LimbError, match="finger has no port"):
         Station(scenario, "board")
 

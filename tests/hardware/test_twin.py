@@ -39,7 +39,7 @@ def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
 
 
 def test_readings_of_a_limb_at_rest_have_the_stated_noise():
-    at_rest = simulate(small_twin(seed=3), [0.0, 0.0], 120.0, sample_rate=5.0)
+    at_rest = simulate(small_twin(seed=3), [0.0, 0.0], 60.0, sample_rate=5.0)
     error = np.rad2deg(at_rest.bend_angle)[0]
     # White noise of 0.5°, on top of a drift that hardly moves from sample to sample.
     assert np.diff(error).std() / np.sqrt(2) == pytest.approx(0.5, rel=0.1)

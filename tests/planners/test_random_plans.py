@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.whole
+
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "random_plans.py"
 spec = importlib.util.spec_from_file_location("random_plans", SCRIPT)
 random_plans = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(random_plans)
 
 
-@pytest.mark.whole
 def test_random_problems_are_solved():
     for seed in (1000, 1006):
         result = random_plans.solve(seed)

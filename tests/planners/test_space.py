@@ -37,7 +37,7 @@ def circle_plan():
 
 def test_a_plan_is_followed_by_an_accurate_simulation_of_its_duty(circle_plan):
     recording = simulate(
-        Limb(circle_plan.parameters), circle_plan, accuracy=1e-4,
+        Limb(circle_plan.parameters), circle_plan, duration=12.0, accuracy=1e-4,
         initial_state=circle_plan.state[:, 0],
     )  # fmt: skip
     missed = np.rad2deg(recording.bend_angle - circle_plan.bend_angle_at(recording.time))

@@ -35,8 +35,9 @@ from planners import (
 from planners.transcription import solving
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.solving import solve_program
-from soft_limb.live_page import LivePage
 from soft_limb.results.summaries import plan_summary
+
+from .conftest import cold_parameters
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -60,12 +61,6 @@ def test_paper_task_has_the_printed_weights():
     weights, _ = Task.paper().weights(np.linspace(0.0, 1.0, 11))
     assert weights.tolist() == [100.0] * 10 + [100_000.0]
     assert Task.paper().duty_hold == 0.0
-
-
-def cold_parameters():
-    parameters = LimbParameters()
-    parameters.temperature_limits.warm_up_time = 1000.0
-    return parameters
 
 
 def step_to_20_degrees():
@@ -270,7 +265,7 @@ def test_custom_terms_are_in_the_summary_and_in_the_file(tmp_path):
     for limb, reference in ((cold_parameters(), step_to_20_degrees()), (space, up_and_still)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it is far from its reference
-            found = plan(limb, reference, task=Task(customize=customize), knot_rate=5.0)
+            found = plan(limb, reference, task=Task(customize=customize), knot_rate=2.5)
         found.save(tmp_path / "plan.csv")
         loaded = Trajectory.load(tmp_path / "plan.csv")
         assert loaded.check == found.check
@@ -304,12 +299,15 @@ def test_custom_terms_are_in_the_summary_and_in_the_file(tmp_path):
             ]
             expected.append(f"{name}: active at {', '.join(times)} s")
         assert described == expected
-    assert "added" not in plan_summary(plan(cold_parameters(), ramp_to_20_degrees())).texts()
+    plain = plan(cold_parameters(), ramp_to_20_degrees(), knot_rate=2.5)
+    assert "added" not in plan_summary(plain).texts()
 
 
 @pytest.mark.parametrize("package", ["limb_systems", "planners", "controllers", "hardware"])
 def test_constructors_on_the_pages_are_those_of_the_classes(package):
     """A section with a table of ports has the constructor of its system."""
+    from soft_limb.live_page import LivePage  # takes long to import
+
     text = (DOCS / f"{package}.md").read_text(encoding="utf-8")
     constructors = re.findall(r"^(?:\| )?`([A-Z]\w+)\((.*)\)`(?: \|.*)?$", text, re.MULTILINE)
     assert constructors

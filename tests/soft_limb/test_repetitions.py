@@ -8,18 +8,11 @@ import pytest
 
 from controllers import Learner
 from hardware import HardwareError, ReplayError
-from limb_systems import Limb, LimbParameters, Recording, SegmentParameters, Trajectory
+from limb_systems import Limb, Recording, Trajectory
 from limb_systems.progress import Progress
-from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs import repetitions
 from soft_limb.runs.repetitions import REST_TIME, make_rested_twins, repeat, wait_for_cool_wires
-
-
-@pytest.fixture(scope="module")
-def short_plan() -> Trajectory:
-    limb = LimbParameters(segments=[SegmentParameters(links=2)])
-    return plan(limb, references.from_samples([0.0, 3.0], [0.0, 0.05]))
 
 
 @pytest.fixture
@@ -58,12 +51,14 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch):
     assert np.abs(first.duty - second.duty).max() > 1e-3  # the second had learned
 
     again = ["learn", plan_file, "-n", "3", "-o", str(folder), "--json"]
+    monkeypatch.setattr("soft_limb.runs.repetitions.write_learning_report", lambda *_: None)
     assert main(again) == 0
     facts = json.loads(capsys.readouterr().out)
     assert len(facts["repetitions"]) == 3
     assert (folder / "repetition_3.csv").exists()
     third = Recording.load(folder / "repetition_3.csv")
-    assert np.abs(third.bend_angle[:, :20] - first.bend_angle[:, :20]).min() > 0  # other noise
+    difference = np.abs(third.bend_angle[:, :20] - first.bend_angle[:, :20])
+    assert np.median(difference) > 2e-3  # rad: other noise
     # Nothing is left to do.
     before = (folder / "learning.txt").read_bytes()
     assert main(again) == 0

@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 
 from hardware import LimbTwin
-from limb_systems import LimbParameters, Recording, SegmentParameters, Trajectory, simulate
+from limb_systems import Recording, Trajectory, simulate
 from limb_systems.files.output import OutputError
-from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs.rollout import COMMAND_DEADLINE, Rollout, roll_out
-
-
-@pytest.fixture(scope="module")
-def short_plan():
-    limb = LimbParameters(segments=[SegmentParameters(links=2)])
-    return plan(limb, references.from_samples([0.0, 2.0], [0.0, 0.05]))
 
 
 def test_replay_by_a_controller_says_so(short_plan, tmp_path, capsys):

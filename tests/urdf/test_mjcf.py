@@ -131,15 +131,15 @@ def test_temperatures_under_random_duty_equal_the_integrated_wire_states(kind):
 
 def test_bend_under_random_duty_is_drakes():
     limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
-    levels = np.random.default_rng(1).uniform(0, 0.8, (2, 6))
-    duty = PiecewisePolynomial.ZeroOrderHold(2.0 * np.arange(6), levels)
+    levels = np.random.default_rng(1).uniform(0, 0.8, (2, 4))
+    duty = PiecewisePolynomial.ZeroOrderHold(2.0 * np.arange(4), levels)
     held = LimbModel.of(limb).statics.angles(LimbModel.of(limb).wires.cold_states[None])[0]
     cold = LimbModel.of(limb).wires.cold_states
     initial = np.concatenate([held, 0 * held, cold, cold])
-    recording = simulate(Limb(limb), duty, 10.0, accuracy=1e-5, initial_state=initial)
+    recording = simulate(Limb(limb), duty, 6.0, accuracy=1e-5, initial_state=initial)
     loaded = Loaded(limb, timestep=0.001)
     loaded.data.qpos[loaded.joints] = held
-    positions, _, act = loaded.rollout(np.repeat(levels.T[:5], 2000, axis=0))
+    positions, _, act = loaded.rollout(np.repeat(levels.T[:3], 2000, axis=0))
     at_samples = slice(49, None, 50)
     angles = positions[at_samples, loaded.joints]
     bend = np.rad2deg(

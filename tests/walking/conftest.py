@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from walking import Gait, GaitPhase, RobotParameters, check_gait, plan_gait
@@ -34,6 +35,13 @@ def quickened(gait: Gait, factor: float) -> Gait:
         robot=with_quick_wires(gait.robot, factor),
         check=copy.deepcopy(gait.check),
     )
+
+
+def contacts_of_intervals(gait: Gait) -> np.ndarray:
+    """Return the contact of each foot in each interval between knots (K - 1, F)."""
+    starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
+    return np.array(gait.schedule)[phases]
 
 
 @pytest.fixture(scope="session")

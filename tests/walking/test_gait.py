@@ -20,7 +20,7 @@ from walking.schedules import parse_schedule
 from walking.standing import FrictionGain, Stability, make_balance
 from walking.walker import Walker
 
-from .conftest import with_quick_wires
+from .conftest import contacts_of_intervals, with_quick_wires
 
 VELOCITIES = JacobianWrtVariable.kV
 
@@ -217,9 +217,7 @@ def test_crawler_is_as_fast_as_a_hand_made_gait(gait):
 def test_pitch_is_as_stiff_as_asked_for(gait):
     """The stiffness that turning the body meets while all else gives way, by its inverse."""
     planar, wires = Walker(gait.robot), LimbModel.of(gait.parameters).wires
-    starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
-    sticks = np.array([gait.phases[p].contacts for p in phases]) == "stick"
+    sticks = contacts_of_intervals(gait) == "stick"
     stuck = sticks & np.roll(sticks, 1, axis=0)
     standing = Stability(planar, wires, np.stack([stuck, np.ones_like(stuck)], axis=-1) * 1.0)
     y = np.vstack([gait.body_pose, gait.joint_angles])
@@ -235,36 +233,41 @@ def test_gait_has_the_largest_feasible_steadiness():
     assert "as steady as asked for, 1000" in gait.check.remark
 
 
-def test_a_gait_that_fails_its_check_is_planned_steadier(monkeypatch):
-    def check_gait(gait, spread):
-        strides = [0.9 if gait.check.steadiness < 40 else 1.0]
-        return dataclasses.replace(
-            gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", strides))
-        )
+@pytest.fixture
+def plan_with_strides(coarse, monkeypatch):
+    """Return a function that plans from `coarse`, and takes strides from a function of the gait."""
 
-    def as_planned(*_):
-        return GaitVariation("", [1.0, 1.0])
+    def plan(check_strides, simulated_strides) -> Gait:
+        def check_gait(gait, spread):
+            simulation = GaitVariation("", check_strides(gait))
+            return dataclasses.replace(
+                gait, check=dataclasses.replace(gait.check, simulation=simulation)
+            )
 
-    monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
-    monkeypatch.setattr("walking.gait_planning.simulate_gait", as_planned)
-    gait = plan_gait(intervals=8)
+        def simulate_gait(gait, *_):
+            return GaitVariation("", simulated_strides(gait))
+
+        monkeypatch.setattr("walking.gait_planning._plan_course", lambda *_: coarse)
+        monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
+        monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
+        return plan_gait(intervals=8)
+
+    return plan
+
+
+def test_a_gait_that_fails_its_check_is_planned_steadier(plan_with_strides):
+    gait = plan_with_strides(
+        lambda gait: [0.9 if gait.check.steadiness < 40 else 1.0], lambda gait: [1.0, 1.0]
+    )
     assert gait.passed
     assert gait.check.steadiness == 2 * STEADINESS
     assert "a stride is 90.0% of the planned one" in gait.check.remark
 
 
-def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(coarse, monkeypatch):
-    def check_gait(gait, spread):
-        return dataclasses.replace(
-            gait, check=dataclasses.replace(gait.check, simulation=GaitVariation("", [1.0]))
-        )
-
-    def simulate_gait(gait, *_):
-        return GaitVariation("", [0.9, 0.97 if len(gait.time) < 17 else 0.995])
-
-    monkeypatch.setattr("walking.gait_planning.check_gait", check_gait)
-    monkeypatch.setattr("walking.gait_planning.simulate_gait", simulate_gait)
-    gait = plan_gait(intervals=8)
+def test_a_gait_is_planned_on_denser_knots_until_it_walks_as_planned(coarse, plan_with_strides):
+    gait = plan_with_strides(
+        lambda gait: [1.0], lambda gait: [0.9, 0.97 if len(gait.time) < 17 else 0.995]
+    )
     assert gait.intervals == [2 * number for number in coarse.intervals]
     assert gait.passed  # with its constraints
     assert gait.check.iterations < coarse.check.iterations  # as it begins from the coarse one
@@ -330,9 +333,7 @@ def test_gait_repeats_with_its_heat_and_its_feet(gait):
     )
     along, normal = gait.contact_force.T.reshape(len(gait.time), -1, 2).T
     np.testing.assert_allclose(heights, planar.radius - normal.T / 1e4, atol=1e-9)
-    starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
-    sliding = np.array([gait.phases[p].contacts for p in phases]) == "slide_forward"
+    sliding = contacts_of_intervals(gait) == "slide_forward"
     steps = np.diff(travel, axis=0)
     assert (np.abs(steps[~sliding]) < 1e-9).all()
     assert (steps[sliding] > -1e-9).all()

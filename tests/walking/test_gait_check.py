@@ -60,12 +60,6 @@ def test_a_gait_that_walks_steadily_has_the_stride_that_it_makes(
     assert (checked.duty == gait.duty).all()
 
 
-def test_gait_with_duty_of_opposite_wires_fails_its_check(gait):
-    wrong = dataclasses.replace(gait, duty=gait.duty[[1, 0, 3, 2]])
-    failure = check_gait(wrong, cycles=1, spread=False).check.failure()
-    assert "falls in simulation" in failure or "misses it by more than 5%" in failure
-
-
 def standing(gait: Gait, body_pose=(0.0, 0.06, 0.0), force=0.25) -> Recording:
     """A recording, over two periods, of a robot that stands still."""
     times = np.arange(0.0, 2 * gait.period, 0.05)
@@ -169,7 +163,8 @@ def test_rubber_that_stiffens_and_remembers_walks_alike_in_both(gait):
 
 def test_a_gait_that_clearly_fails_in_mujoco_is_not_simulated_in_drake(gait, monkeypatch):
     monkeypatch.setattr("walking.gait_check.simulate_in_drake", None)
-    weak = dataclasses.replace(gait, duty=0.8 * gait.duty)
-    check = check_gait(weak, cycles=1, spread=False).check
-    assert check.failure()
-    assert check.checked_by == "MuJoCo"
+    for duty in (0.8 * gait.duty, gait.duty[[1, 0, 3, 2]]):
+        check = check_gait(dataclasses.replace(gait, duty=duty), cycles=1, spread=False).check
+        failure = check.failure()
+        assert "falls in simulation" in failure or "misses it by more than 5%" in failure
+        assert check.checked_by == "MuJoCo"

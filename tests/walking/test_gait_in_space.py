@@ -28,7 +28,7 @@ from walking.walk_trajectory import walk
 from walking.walker import Walker
 from walking.wayfinder import STALLED, STALLED_CYCLES
 
-from .conftest import quickened
+from .conftest import contacts_of_intervals, quickened
 
 THREE = RobotParameters.in_space(3)
 
@@ -78,11 +78,9 @@ def test_a_gait_turns_with_its_contact_forces_and_feet(gaits):
     turned = RollPitchYaw(0, 0, gait.turn).ToRotationMatrix().matrix()[:2, :2]
     np.testing.assert_allclose(feet[-1], feet[0] @ turned.T, atol=1e-7)
     forces = gait.contact_force.T.reshape(len(y.T), -1, 3)
-    starts = [phase.start for phase in gait.phases]
-    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
     mu = THREE.ground.friction
-    for k, phase in enumerate(phases):
-        for foot, contact in enumerate(gait.phases[phase].contacts):
+    for k, contacts in enumerate(contacts_of_intervals(gait)):
+        for foot, contact in enumerate(contacts):
             slip = feet[k + 1, foot] - feet[k, foot]
             if contact == "stick":
                 assert np.linalg.norm(slip) < 1e-7

@@ -13,6 +13,8 @@ from soft_limb.command import main
 from walking import GaitVariation, RobotParameters
 from walking.commands.gait_report import gait_report, gait_verdict
 
+from .conftest import quickened
+
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch, gait):
@@ -68,10 +70,11 @@ def test_commands_on_results_take_gaits_and_robots(folder, capsys):
 
 
 def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gait):
+    gait = quickened(gait, 5.0)
     gait_report(gait, "gait.html", {"gait": "gait.csv"})
     page = (folder / "gait.html").read_text(encoding="utf-8")
     verdict = re.search(r'class="verdict">(.*?)</p>', page)[1]
-    assert "30.0 mm in 15.0 s, 2.00 mm/s" in verdict
+    assert "30.0 mm in 3.0 s, 10.00 mm/s" in verdict
     assert "99.0% to 100.2% of the planned one" in verdict
     row = page.partition("friction x 0.7</td>")[2][:300]
     assert re.search(r"50\.0.*90<.*its body is on the ground", row)
@@ -82,20 +85,20 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
         gait_verdict(gait)
     )
     frames = int(re.search(r'type="range" min="0" max="(\d+)"', replay)[1])
-    assert frames == pytest.approx(3 * 15.0 * 20)  # three cycles
+    assert frames == pytest.approx(3 * 3.0 * 20)  # three cycles
     values = np.array(json.loads(re.search(r"const values = (\[\[.*?\]\]);", replay)[1]))
     x = values[2]  # after two bends
-    np.testing.assert_allclose(x[[0, 300, 600, 900]], [0.0, 30.0, 60.0, 90.0], atol=0.051)
+    np.testing.assert_allclose(x[[0, 60, 120, 180]], [0.0, 30.0, 60.0, 90.0], atol=0.051)
     assert 'href="gait.csv"' in page
     gait.check = dataclasses.replace(gait.check, violation=1e-3)
     assert "Not to be used: its constraints are violated" in gait_verdict(gait)
 
 
 def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(gait_in_space, tmp_path, capsys):
-    gait = gait_in_space
+    gait = quickened(gait_in_space, 4.0)
     gait_report(gait, tmp_path / "gait.html")
     page = html.unescape((tmp_path / "gait.html").read_text(encoding="utf-8"))
-    assert "Turns of 20.0° to the right in 8.0 s, 2.50 °/s, with wires up to 60 °C." in page
+    assert "Turns of 20.0° to the right in 2.0 s, 10.00 °/s, with wires up to 60 °C." in page
     assert "turns are 98.0% to 98.0% of the planned one" in page
     heads, cells = (re.findall(rf"<{tag}[^>]*>([^<]*)</{tag}>", page) for tag in ("th", "td"))
     shown = dict(zip(heads, cells[cells.index("as planned") :], strict=False))
@@ -107,7 +110,7 @@ def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(gait_in_space,
         bend_angle=np.zeros((6, 5)),
         parameters=gait.parameters,
         source="model",
-        sample_rate=0.5,
+        sample_rate=2.0,
         robot=gait.robot,
         body_pose=gait.body_pose + np.outer([0.003, 0.004, 0, 0, 0, 0], np.linspace(0.0, 1.0, 5)),
     ).save(tmp_path / "walk.csv")

@@ -8,6 +8,7 @@ from limb_systems.simulation import make_simulator
 from walking import BodyParameters, Robot, RobotParameters
 
 COLD = np.zeros(4)
+TIME_STEP = 2e-3  # s, twice as long as by default
 
 
 def weight(robot):
@@ -53,20 +54,20 @@ def test_the_duty_of_a_limb_takes_the_place_of_its_part_of_all_duty():
 
 
 def test_a_simulation_takes_the_steps_of_the_mechanics():
-    simulator = make_simulator(robot := Robot(time_step=2e-3), None)
+    simulator = make_simulator(robot := Robot(time_step=TIME_STEP), None)
     robot.GetInputPort("duty").FixValue(simulator.get_mutable_context(), COLD)
     simulator.AdvanceTo(0.1)
     assert simulator.get_num_steps_taken() == 50
 
 
 def test_the_first_sample_has_the_contact_force_of_a_robot_that_stands():
-    simulator = make_simulator(robot := Robot(), None)
+    simulator = make_simulator(robot := Robot(time_step=TIME_STEP), None)
     context = simulator.get_mutable_context()
     robot.GetInputPort("duty").FixValue(context, COLD)
     simulator.AdvanceTo(1.0)
     steps, heat = context.get_discrete_state_vector(), context.get_continuous_state_vector()
     standing = np.concatenate([steps.CopyToVector(), heat.CopyToVector()])
-    recording = simulate(Robot(), COLD, 0.1, initial_state=standing)
+    recording = simulate(Robot(time_step=TIME_STEP), COLD, 0.1, initial_state=standing)
     on_each = np.full(recording.contact_force[1::2].shape, 0.05 * 9.81 / 2)
     np.testing.assert_allclose(recording.contact_force[1::2], on_each, rtol=2e-3)
 
@@ -92,7 +93,8 @@ def test_the_ground_carries_the_weight(mount):
             limb = RobotParameters().limbs[index]
             limb.name, limb.position = f"side_{index}", [0.0, y, 0.0]
             robot.limbs.append(limb)
-    recording = simulate(Robot(robot), np.zeros(2 * len(robot.limbs)), 2.0)
+    system = Robot(robot, time_step=TIME_STEP)
+    recording = simulate(system, np.zeros(2 * len(robot.limbs)), 2.0)
     forces = recording.contact_force[:, -1].reshape(len(robot.limbs), -1)
     np.testing.assert_allclose(forces.sum(axis=0)[[0, -1]], -weight(robot), rtol=2e-3)
     np.testing.assert_allclose(recording.body_pose[:, -1], recording.body_pose[:, -11], atol=1e-5)
@@ -103,7 +105,7 @@ def test_a_robot_sinks_into_its_feet_by_their_stiffness():
     heights, robot = [], RobotParameters()
     for stiffness in (200.0, 400.0):
         robot.feet.radius, robot.feet.stiffness, robot.feet.damping = 0.003, stiffness, 2.0
-        recording = simulate(Robot(robot), COLD, 2.0)
+        recording = simulate(Robot(robot, time_step=TIME_STEP), COLD, 2.0)
         heights.append(recording.body_pose[1, -1])
     on_each = 0.5 * -weight(robot)[1]
     assert heights[1] - heights[0] == pytest.approx(on_each / 200 - on_each / 400, rel=2e-3)

@@ -16,6 +16,7 @@ from walking.robot_specimen import RobotSpecimen
 
 OFF = np.zeros(4)
 GRAVITY = 9.81
+TIME_STEP = 2e-3  # s, twice as long as by default
 
 
 def mass(robot: RobotParameters) -> float:
@@ -28,7 +29,7 @@ def resting():
     """A robot on a slope of 5°, with the recording of its rest."""
     robot = RobotParameters()
     robot.ground.slope, robot.feet.mass = np.deg2rad(5.0), 0.002
-    twin = RobotTwin(robot, seed=1, truth=True)
+    twin = RobotTwin(robot, seed=1, truth=True, time_step=TIME_STEP)
     return twin, simulate(twin, OFF, 2.5)
 
 
@@ -83,8 +84,8 @@ def test_with_all_effects_taken_out_it_is_the_model():
                 width=true.austenite_width,
             )
     duty = np.array([102, 0, 204, 51]) / 255  # steps of the PWM
-    found = simulate(RobotTwin(specimen=specimen, truth=True), duty, 2.0)
-    expected = simulate(Robot(model), duty, 2.0)
+    found = simulate(RobotTwin(specimen=specimen, truth=True, time_step=TIME_STEP), duty, 2.0)
+    expected = simulate(Robot(model, time_step=TIME_STEP), duty, 2.0)
     assert found.wire_temperature == pytest.approx(expected.wire_temperature, abs=0.1)
 
     def later(signal):
@@ -131,8 +132,8 @@ def test_limb_specimen_equals_the_limb_on_the_robot():
 
 
 def test_a_replay_has_its_pose_and_it_goes_on_from_there(tmp_path, plan_like):
-    twin = RobotTwin(seed=2)
-    model = simulate(Robot(), [0.3, 0.0, 0.0, 0.3], 1.0, sample_rate=10.0)
+    twin = RobotTwin(seed=2, time_step=TIME_STEP)
+    model = simulate(Robot(time_step=TIME_STEP), [0.3, 0.0, 0.0, 0.3], 1.0, sample_rate=10.0)
     journal = tmp_path / "recording.csv"
     recording = replay(plan_like(model), twin, unchecked=True, journal=journal)
     assert recording.source == "emulated robot, seed 2"
@@ -150,7 +151,7 @@ def test_a_replay_has_its_pose_and_it_goes_on_from_there(tmp_path, plan_like):
 
 
 def test_each_limb_has_a_board_of_its_own_on_one_robot():
-    running = RunningTwin(RobotTwin(seed=1, truth=True))
+    running = RunningTwin(RobotTwin(seed=1, truth=True, time_step=TIME_STEP))
     rear, front = (SimulatedBoard(running, step=5, limb=name) for name in ("rear", "front"))
 
     def run(seconds, duty=None):
