@@ -230,19 +230,6 @@ class Estimator:
             last_readings=np.concatenate([temperature, np.nan_to_num(bend_angle)]),
         )
 
-    def begin_loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """Return the estimate for a limb at rest with a load, of given heat and bend.
-
-        Args:
-            heat: [x, V] (H).
-            bend_angle: φ (F), rad, with the load.
-        """
-        W = self.model.num_wires
-        estimate = self.begin(heat[-W:], np.full(self.model.num_bends, np.nan))
-        return dataclasses.replace(
-            estimate, heat=heat, lasting=bend_angle - self.model.bend_angle(heat)
-        )
-
     def read(
         self,
         vector: np.ndarray,

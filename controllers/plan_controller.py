@@ -30,18 +30,11 @@ class PlanController(LeafSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(
-        self,
-        parameters: LimbParameters,
-        duty: np.ndarray,
-        start: tuple[np.ndarray, np.ndarray] | None = None,
-    ):
+    def __init__(self, parameters: LimbParameters, duty: np.ndarray):
         """
         Args:
             parameters: description of the limb.
             duty: initial duty (W,).
-            start: [x, V] (H) and φ (F), rad, of a limb that begins warm or with a load; if None,
-                the limb is at rest, and its first readings give both.
         """
         super().__init__()
         self._parameters = parameters
@@ -53,10 +46,7 @@ class PlanController(LeafSystem):
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
         self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)
-        estimate = self._estimator.nothing
-        if start:
-            estimate = pack(self._estimator.begin_loaded(*start))
-        self.DeclareDiscreteState(estimate)
+        self.DeclareDiscreteState(self._estimator.nothing)
         self.DeclareStateOutputPort("duty", state)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
 

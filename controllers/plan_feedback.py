@@ -60,24 +60,15 @@ class PlanFeedback(PlanController):
 
     _uncalibrated_margin = UNCALIBRATED_MARGIN
 
-    def __init__(
-        self,
-        trajectory: Trajectory,
-        *,
-        parameters: LimbParameters | None = None,
-        known_start: bool = False,
-    ):
+    def __init__(self, trajectory: Trajectory, *, parameters: LimbParameters | None = None):
         """
         Args:
             trajectory: the plan.
             parameters: description of the limb, for gains and estimates; the plan's if None.
-            known_start: whether the limb begins with the plan's heat and bend, as one that is warm
-                or carries a load; else at rest, according to its first readings.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
-        start = (self._plan.heat[0], trajectory.bend_angle[:, 0]) if known_start else None
-        super().__init__(parameters, self._plan.duty[0], start)
+        super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
         self._planned_gains = gains_along_plan(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))

@@ -99,8 +99,8 @@ def test_bends_that_the_ground_makes_in_the_gait_are_no_error(gait):
     state = feedback.CreateDefaultContext().get_discrete_state()
     plan = feedback._plan
     first = round(feedback._begin / PERIOD)
-    estimate = feedback._estimator.begin_loaded(plan.heat[first], np.zeros(2))
-    estimate = dataclasses.replace(estimate, lasting=np.zeros(2))
+    estimate = feedback._estimator.begin(plan.heat[first, -4:], np.zeros(2))
+    estimate = dataclasses.replace(estimate, heat=plan.heat[first])
     changes = []
     for k in range(first, first + round(0.8 * gait.period / PERIOD)):
         bend = plan.bend_angle[k - 1]  # at the beginning of this period
