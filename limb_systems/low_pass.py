@@ -29,7 +29,7 @@ def feed_back(signal: np.ndarray, shares: Sequence[float], axis: int = -1) -> np
 
     Args:
         signal: x, any shape.
-        shares: of y one step before, two steps before, and so on.
+        shares: the shares of y that is one step old, two steps old, and so on.
         axis: axis of time.
     """
     values = np.moveaxis(signal, axis, 0)
