@@ -230,35 +230,32 @@ class Estimator:
             last_readings=np.concatenate([temperature, np.nan_to_num(bend_angle)]),
         )
 
-    def begin_loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """Return the estimate for a limb at rest with a load, of given heat and bend.
-
-        Args:
-            heat: [x, V] (H).
-            bend_angle: φ (F), rad, with the load.
-        """
-        W = self.model.num_wires
-        estimate = self.begin(heat[-W:], np.full(self.model.num_bends, np.nan))
-        return dataclasses.replace(
-            estimate, heat=heat, lasting=bend_angle - self.model.bend_angle(heat)
-        )
-
     def read(
-        self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
+        self,
+        vector: np.ndarray,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
         """Return a packed estimate after `correct`, or `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
-        return self.correct(self.unpack(vector), readings, bend_angle)
+        return self.correct(self.unpack(vector), readings, bend_angle, known_offset)
 
     def unpack(self, vector: np.ndarray) -> StateEstimate:
         """Return the estimate in a vector of `pack`."""
         return unpack(vector, self._template)
 
     def correct(
-        self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
+        self,
+        estimate: StateEstimate,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
         """Return the estimate after readings, as for `begin`, as far as they are believed.
+
+        Bends from outside that are known (F,), rad, need not be estimated, and do not count.
 
         A thermocouple that reads hotter than expected is believed beyond the gate, too, because a
         wrong estimate must not overheat a wire: its wire is taken to be so much hotter. After a
@@ -281,7 +278,7 @@ class Estimator:
 
         # Believe the readings that are within the gate of the prediction.
         model_bend, C = self._measurement_model(estimate.heat)
-        bend = self._without_sensor_errors(bend_angle)
+        bend = self._without_sensor_errors(bend_angle) - known_offset
         expected_bend = model_bend + estimate.offset + estimate.drift
         innovations = np.concatenate(
             [readings - model.readings(estimate.heat), bend - expected_bend]
