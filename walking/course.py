@@ -89,5 +89,5 @@ def _longest_step_of_all_limbs(robot: RobotParameters) -> float:
         np.fill_diagonal(heated, hottest)
         states = np.array([*map(wires.settled_states, heated)])
         tips = tip_position(parameters, LimbModel.of(parameters).statics.angles(states).T)[1:]
-        longest_steps.append(pdist(tips.T).max())
+        longest_steps.append(pdist(tips.T).max(initial=0.0))
     return float(min(longest_steps))

@@ -12,7 +12,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
 from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters, simulate
+from planners.transcription.solving import PlanningError
 from walking import Gait, GaitVariation, Robot, RobotLimb, RobotParameters, add_robot, plan_gait
+from walking.course import check_course
 from walking.gait_planning import _infeasibility_reason, standing_start
 from walking.gait_program import STEADINESS, Course, GaitProgram
 from walking.robot_parameters import walking_limb
@@ -278,6 +280,15 @@ def test_a_margin_leaves_room_for_feedback_that_distrusts_the_lag_of_readings():
     T, V = gait.wire_temperature, gait.measured_temperature
     assert T.max() <= 95.0 + 1e-4
     assert (T + (T - V)).max() == pytest.approx(97.0, abs=1e-3)
+
+
+def test_limbs_of_one_wire_reach_no_two_places():
+    robot = RobotParameters()
+    for limb in robot.limbs:
+        del limb.parameters.segments[0].wires[1:]
+    check_course(robot, Course())
+    with pytest.raises(PlanningError, match=r"the feet are at most 0 mm apart"):
+        check_course(robot, Course(stride=0.01))
 
 
 def test_error_gives_the_reason_for_a_missing_gait():
