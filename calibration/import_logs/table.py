@@ -247,7 +247,7 @@ class _Form:
         counts = Counter(filter(None, names))
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
-        for row_above in above if max(counts.values()) > 1 else ():
+        for row_above in above if max(counts.values(), default=0) > 1 else ():
             joined = list(names)
             for index, name in enumerate(names):
                 if counts[name] != 1:
