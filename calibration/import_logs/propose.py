@@ -254,9 +254,10 @@ class Columns:
         tops = duties.moving.each("top")
         full = _full_scale(duties, levels[levels > 0])
         # Duties must have one unit, and wires must not rest or cool at the most of their duties.
-        is_switch = 1.0 in tops and len(levels) > 2
-        is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops) or (is_switch and min(tops) < 1.0)
+        is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops)
         for column in duties:
+            is_switch = column.top == 1.0 and np.isin(column.present, [-1.0, 0.0, 1.0]).all()
+            is_mixed |= bool(is_switch and min(tops) < 1.0)
             rests = (column.present == column.present.max()).mean() > 0.05
             if (rests and column.present.min() > 0) or self._cools(column):
                 self.is_inverted = True

@@ -322,6 +322,11 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         dataclasses.replace(mapping)
 
 
+def test_a_line_without_names_gives_no_names(tmp_path, truth):
+    path = write(tmp_path / "log.csv", [""] * 3, [truth.time, *truth.duty])
+    assert table.read_table(path, names_line=1).names == ["column_1", "column_2", "column_3"]
+
+
 def moments(truth, form):
     start = datetime.datetime(2026, 3, 3, 23, 58, 3)
     return [(start + datetime.timedelta(seconds=round(t, 3))).strftime(form) for t in truth.time]
@@ -408,6 +413,7 @@ def cases(truth):
         ),
         "seven bits": (names, [base[0], *seven_bits, *base[3:]]),
         "two units": with_(1, "pwm_left", duty),
+        "shares": (names, [base[0], 2.0 * duty, 1.2 * truth.duty[1], *base[3:]]),
         "switch and levels": ("t heat1 heat2 T1 T2 angle", [base[0], duty, relay, *base[3:]]),
         "volts or shares": ("t heat1 heat2 T1 T2 angle", [base[0], *volts, *base[3:]]),
         "per cent or counts": ("t heat1 heat2 T1 T2 angle", [base[0], *percent, *base[3:]]),
@@ -437,7 +443,7 @@ def cases(truth):
         ("coil", ""), ("warm", ""), ("single", ""), ("ros", ""), ("matlab", ""), ("base", ""),
         ("control", ""), ("things", ""), ("glued", ""), ("no names", ""), ("signed", ""),
         ("signed sides", ""), ("1 and 2", ""), ("one side", ""), ("sides of sensors", ""),
-        ("whole seconds", ""),
+        ("whole seconds", ""), ("shares", ""),
         ("raw 1 and 2", "degrees is a unit of flex_raw.*which wire is heated by pwm_1"),
         ("noise 1 and 2", "the sign of bend_deg.*which wire is heated by pwm_1"),
         ("same sensor", "Names say T_right_C, but it warms more with another wire"),
@@ -478,7 +484,7 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
     limb, recordings, _ = read(write(tmp_path / "log.csv", names.split(), columns, form="{:.13g}"))
     assert bool(recordings) == (not asked)
     assert bool(re.search(asked, " ".join(question.text for question in limb.questions)))
-    if recordings and case not in ("warm", "single"):
+    if recordings and case not in ("warm", "single", "shares"):
         check(recordings[0], truth, 0.3, sensors=(1,) if case == "one side" else (0, 1))
         assert recordings[0].sample_rate == RATE
 
