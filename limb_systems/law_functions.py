@@ -76,7 +76,7 @@ class NumericFunction:
 def check_symbols(law: WireLaw) -> None:
     """Raise LimbError if a law gives other values with symbols than with numbers.
 
-    The first limb of a class of laws is checked.
+    The first limb of a class of laws is checked, and the first with other words or switches.
     """
 
     def all_values(law: WireLaw, heat: Any, T0: Any, last: Any, join: Callable) -> Any:
@@ -87,7 +87,9 @@ def check_symbols(law: WireLaw) -> None:
     def build() -> SmoothFunction | NumericFunction:
         return _law_function(law, "rates and torque", all_values, len(law.states) + 2, (0.0, 1.0))
 
-    if isinstance(build_once(("checked", type(law)), build), NumericFunction):
+    # A word or a switch may choose other equations, which numbers hardly do.
+    switches = [(name, each) for name, each in vars(law).items() if not isinstance(each, float)]
+    if isinstance(build_once(("checked", type(law), repr(switches)), build), NumericFunction):
         raise LimbError(
             f"{type(law).__name__} gives other values with symbols than with numbers, as laws with "
             "branches (if, float) do. A limb needs a law that takes symbols: write it with "
@@ -243,7 +245,8 @@ def _probe_points(
     for name in names:
         default = getattr(default_law, name)
         usual = sorted([default / PROBE_RATIO, default * PROBE_RATIO]) if default else [0.0, 0.1]
-        low, high = np.clip(usual, *metadata[name]["range"]).tolist()
+        allowed = metadata[name].get("range", (-np.inf, np.inf))  # a lab may not say it
+        low, high = np.clip(usual, *allowed).tolist()
         ranges.append((low, high))
     ranges.append(input_range)
     # Each value has one point in each of as many parts of its range as there are points.

@@ -37,6 +37,7 @@ from limb_systems import (
     TwoMassLaw,
     simulate,
 )
+from limb_systems.law_functions import law_points, law_step, with_fields
 from limb_systems.monte_carlo import OpenLoop, draw_limbs, parameter_owner, stack_limbs
 from limb_systems.ragged_rows import RaggedRows
 
@@ -259,9 +260,33 @@ def test_a_law_that_takes_numbers_alone_is_fitted(law):
     np.testing.assert_allclose(fit.fitted, expected.fitted, atol=0.02 * errors.max())
 
 
+@dataclasses.dataclass
+class SwitchedLaw(LinearLaw):
+    """A lab's law, of which a word chooses the equations, and with a field without a range."""
+
+    cooling: str = "even"
+    factor: float = 1.0
+
+    def rates(self, x, D, T0):
+        law = BranchLaw if self.cooling == "uneven" else LinearLaw
+        return law.rates(self, x, self.factor * D, T0)
+
+
 def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
     with pytest.raises(LimbError, match="BranchLaw gives other values with symbols"):
         Limb(limb_with(BranchLaw))
+    Limb(limb_with(SwitchedLaw))
+    with pytest.raises(LimbError, match="SwitchedLaw gives other values with symbols"):
+        Limb(limb_with(functools.partial(SwitchedLaw, cooling="uneven")))
+
+
+def test_a_field_of_a_law_needs_no_range():
+    law = with_fields(SwitchedLaw, {"factor": np.full((1, 1, 1), 2.0)})
+    points = law_points(law, np.array([[30.0], [28.0]]), np.array([20.0]), 0.1)
+    twice = law_points(LinearLaw(), np.array([[30.0], [28.0]]), np.array([20.0]), 0.2)
+    expected = law_step(LinearLaw(), 0.1).values(np.moveaxis(twice, 0, -1))
+    values = law_step(law, 0.1).values(points.reshape(len(points), 1).T)
+    np.testing.assert_allclose(values, expected, rtol=1e-9)
 
 
 def test_draws_scatter_as_the_covariance_says(emulated_folder):
