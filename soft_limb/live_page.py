@@ -49,6 +49,7 @@ from soft_limb.reports.page import TEMPLATES, part
 
 LOOPBACK = "127.0.0.1"
 STARTUP_TIMEOUT = 60.0  # s, for the page's process on a busy computer
+MAX_REASON_LENGTH = 2000  # characters, which a pipe takes though a frozen page does not read them
 STOPPED = "stopped by Ctrl-C, by a signal or on the page"
 NO_REASON = (
     "the program ended without a reason: it was stopped while it planned, it was killed, or it "
@@ -187,7 +188,7 @@ class LivePage:
         self._socket.close()
         assert self._process.stdin
         try:
-            self._process.stdin.write(reason.encode())
+            self._process.stdin.write(reason[:MAX_REASON_LENGTH].encode())
             self._process.stdin.close()
         except OSError:
             died = True

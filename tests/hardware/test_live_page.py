@@ -13,7 +13,9 @@ import signal
 import subprocess
 import sys
 import threading
+import warnings
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -222,6 +224,20 @@ def test_a_page_says_when_its_program_is_silent(browser, live):
         os.kill(live._process.pid, signal.SIGCONT)
     silent.wait_for(state="hidden")
     page.close()
+
+
+def test_the_end_of_a_program_does_not_wait_for_a_frozen_page():
+    """Whatever the reason: a pipe without a reader takes 64 kB."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    page = object.__new__(LivePage)
+    page._ended = False
+    page._socket = mock.Mock()
+    page._process = mock.Mock(stdin=os.fdopen(writer, "wb"), poll=lambda: None)
+    with warnings.catch_warnings(action="error"):
+        page.end(10_000 * "too hot ")
+    assert os.read(reader, 100_000).decode().startswith("too hot too hot")
+    os.close(reader)
 
 
 @pytest.fixture(scope="module")
