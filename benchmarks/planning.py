@@ -4,8 +4,9 @@ The Fig. 5 reference, 60 s, for limbs of 3, 5 and 10 links and 121, 301 and 601
 knots. All solvers get the same program, eqns (15)-(20), the same discretization
 (direct collocation as Drake's), the same quasi-static guess and the same time
 limit. Each run is a process of its own, all solvers of a size run in turn, and
-the medians of the repetitions count; who fails once is not run again. One
-judge, with the dynamics of Drake's diagram, looks at all solutions.
+the medians of the repetitions count, in processor time; who fails once is not
+run again. One judge, with the dynamics of Drake's diagram, looks at all
+solutions.
 
     python benchmarks/planning.py [--quick]
 
@@ -218,7 +219,7 @@ def introduction(repetitions: int, time_limit: float) -> list[str]:
         "# The planner against the same program in CasADi",
         "Written by `python benchmarks/planning.py`.",
         f"{_machine()}; {', '.join(versions)}. Medians of {repetitions} run(s), each in a process "
-        f"of its own; time limit {time_limit:g} s. Imports are not counted.",
+        f"of its own; time limit {time_limit:g} s. Times are of the processor, without imports.",
         "Fig. 5 reference, 60 s, n links, N knots, from the same quasi-static guess. *Build* is "
         "making the program, derivatives and compilation included; *again* is solving once more "
         f"with the solver that was built. A solution counts if its cost is within {SAME_COST:g} of "

@@ -65,7 +65,7 @@ RULES = {
     # Motions beyond the recorded range are extrapolated.
     "range": (Severity.CARE, "the recordings span little"),
     # β is fitted as a multiple of k, so the bend is right in spite of k, except for gravity.
-    "kept": (Severity.CARE, "mechanics is that of the description"),
+    "kept": (Severity.CARE, "mechanics is as described"),
     # The model's law is a line, the limb's is not. The validation shows the effect.
     "law": (Severity.NOTE, ""),
     # Heat is a hundred times slower than the ringing, so plans hardly excite it.

@@ -178,6 +178,7 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
     duty = []
     for predicted in predictions:
         run = predicted.run
+        # Each run ends with a sample without readings.
         span = run.times[-1] - run.times[0] + STEP
         step = np.minimum((run.times / STEP).astype(int), len(run.duty) - 1)
         times.append(np.append(run.times - run.times[0], span - STEP / 2) + start)
@@ -202,6 +203,7 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
             sample_rate=1 / STEP,
         )
 
+    # Compare what was recorded with what is predicted.
     sources = ", ".join(dict.fromkeys(run.source for run in runs))
     return _compare(recording(runs, sources), recording(predictions, "model"))
 

@@ -89,9 +89,9 @@ class DutyCorrection:
         self.middles = (np.arange(STEPS_PER_NODE * (num_nodes - 1)) + 0.5) * period
         # Share of each node in the correction of each step (L, M + 1).
         self._shares = np.array(
-            [np.interp(self.middles, self.nodes, o) for o in np.eye(num_nodes)]
+            [np.interp(self.middles, self.nodes, node) for node in np.eye(num_nodes)]
         ).T
-        self.reference = np.array([np.interp(self.nodes, plan.time, r) for r in plan.reference]).T
+        self.reference = plan.interpolated(plan.reference, self.nodes).T
         self._planned = plan.duty_trajectory().vector_values(self.nodes).T
         self.none = np.zeros_like(self._planned)
         # Bounds of the wires' temperatures.

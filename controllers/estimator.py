@@ -230,35 +230,32 @@ class Estimator:
             last_readings=np.concatenate([temperature, np.nan_to_num(bend_angle)]),
         )
 
-    def begin_loaded(self, heat: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """Return the estimate for a limb at rest with a load, of given heat and bend.
-
-        Args:
-            heat: [x, V] (H).
-            bend_angle: φ (F), rad, with the load.
-        """
-        W = self.model.num_wires
-        estimate = self.begin(heat[-W:], np.full(self.model.num_bends, np.nan))
-        return dataclasses.replace(
-            estimate, heat=heat, lasting=bend_angle - self.model.bend_angle(heat)
-        )
-
     def read(
-        self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
+        self,
+        vector: np.ndarray,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
         """Return a packed estimate after `correct`, or `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
-        return self.correct(self.unpack(vector), readings, bend_angle)
+        return self.correct(self.unpack(vector), readings, bend_angle, known_offset)
 
     def unpack(self, vector: np.ndarray) -> StateEstimate:
         """Return the estimate in a vector of `pack`."""
         return unpack(vector, self._template)
 
     def correct(
-        self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
+        self,
+        estimate: StateEstimate,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
         """Return the estimate after readings, as for `begin`, as far as they are believed.
+
+        Bends from outside that are known (F,), rad, need not be estimated, and do not count.
 
         A thermocouple that reads hotter than expected is believed beyond the gate, too, because a
         wrong estimate must not overheat a wire: its wire is taken to be so much hotter. After a
@@ -281,7 +278,7 @@ class Estimator:
 
         # Believe the readings that are within the gate of the prediction.
         model_bend, C = self._measurement_model(estimate.heat)
-        bend = self._without_sensor_errors(bend_angle)
+        bend = self._without_sensor_errors(bend_angle) - known_offset
         expected_bend = model_bend + estimate.offset + estimate.drift
         innovations = np.concatenate(
             [readings - model.readings(estimate.heat), bend - expected_bend]
@@ -355,12 +352,12 @@ class Estimator:
         H = self.model.size
         W = self.model.num_wires
         period = self.model.period
-        # The heat a period later, and the slopes F of all that is estimated.
+        # The heat a period later, and the derivatives of all that is estimated (M, M).
         heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
         heat[:W] += period * estimate.heating_rate
-        F = np.diag(self._decay)
-        F[:H, :H] = by_heat
-        F[:W, H : H + W] = period * np.eye(W)
+        slopes = np.diag(self._decay)
+        slopes[:H, :H] = by_heat
+        slopes[:W, H : H + W] = period * np.eye(W)
         # Heating makes the wires' temperatures less certain; changes of them, the residual.
         change = heat[:W] - estimate.heat[:W]
         walk = self._walk.copy()
@@ -373,7 +370,7 @@ class Estimator:
             heating_rate=rate_decay * estimate.heating_rate,
             drift=drift_decay * estimate.drift,
             residual=residual_decay * estimate.residual,
-            covariance=F @ estimate.covariance @ F.T + np.diag(walk),
+            covariance=slopes @ estimate.covariance @ slopes.T + np.diag(walk),
             unread_change=estimate.unread_change + heat[:W] - estimate.heat[:W],
         )
 

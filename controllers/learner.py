@@ -312,7 +312,7 @@ class Learner:
     @property
     def best(self) -> int | None:
         """The index of the best repetition; None before there is one."""
-        kept = [n for n, repetition in enumerate(self.repetitions) if not repetition.failed]
+        kept = [index for index, each in enumerate(self.repetitions) if not each.failed]
         return kept[-1] if kept else None
 
     def update(self, recording: Recording) -> Repetition:
@@ -497,8 +497,9 @@ class Learner:
         changes = np.moveaxis(program.bend_changes(self._start, about.duty, duty), 1, 0)
         shares = self._wrong_shares()
         bend = []
-        for f, regression in enumerate(self._bend_regressions):
-            bend.append(regression.estimate(residuals[..., f], changes[:, :, f], shares[f]))
+        for number, regression in enumerate(self._bend_regressions):
+            observed = residuals[..., number]
+            bend.append(regression.estimate(observed, changes[:, :, number], shares[number]))
         # Estimate the errors of the wires' heat likewise.
         warmer = temperatures - temperatures[index]
         heat = []
@@ -570,8 +571,9 @@ class Learner:
         with reraise_as(FileFormatError, f"{path}: "):  # such as a law whose module is not imported
             learner = cls(Trajectory.from_text(state["plan"]))
         for saved in state["repetitions"]:
-            arrays = {name: np.array(v) for name, v in saved.items() if isinstance(v, list)}
-            learner._append(Repetition(**(saved | arrays)))
+            for name, item in saved.items():
+                saved[name] = np.array(item) if isinstance(item, list) else item
+            learner._append(Repetition(**saved))
         learner.provenance = Provenance.from_json(state["provenance"])
         learner.correction = np.array(state["correction"])
         learner._evidence = np.array(state["evidence"])

@@ -30,18 +30,11 @@ class PlanController(LeafSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(
-        self,
-        parameters: LimbParameters,
-        duty: np.ndarray,
-        start: tuple[np.ndarray, np.ndarray] | None = None,
-    ):
+    def __init__(self, parameters: LimbParameters, duty: np.ndarray):
         """
         Args:
             parameters: description of the limb.
             duty: initial duty (W,).
-            start: [x, V] (H) and φ (F), rad, of a limb that begins warm or with a load; if None,
-                the limb is at rest, and its first readings give both.
         """
         super().__init__()
         self._parameters = parameters
@@ -53,19 +46,17 @@ class PlanController(LeafSystem):
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
         self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)
-        estimate = self._estimator.nothing
-        if start:
-            estimate = pack(self._estimator.begin_loaded(*start))
-        self.DeclareDiscreteState(estimate)
+        self.DeclareDiscreteState(self._estimator.nothing)
         self.DeclareStateOutputPort("duty", state)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
 
     def _update(self, context, state) -> None:
         # Estimate the limb's state from the readings.
-        readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
-        estimate = self._estimator.read(state.value(1), readings, bend)
-        # Find the duty within the caps that makes the desired bend rates.
         time = self._plan_time(context)
+        readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
+        known_offset = self._known_offset(time)
+        estimate = self._estimator.read(state.value(1), readings, bend, known_offset)
+        # Find the duty within the caps that makes the desired bend rates.
         caps = self._limiter.caps(estimate, self._temperature_limit(time, estimate))
         base, bend_rate = self._desired_duty(time, estimate, caps, state)
         base = np.clip(base, 0.0, caps)
@@ -89,6 +80,10 @@ class PlanController(LeafSystem):
             state: the discrete values, for subclasses with more of them.
         """
         raise NotImplementedError
+
+    def _known_offset(self, time: float) -> np.ndarray | float:
+        """Return the bends (F,), rad, that the plan has from outside; none by default."""
+        return 0.0
 
     def _gains_at(self, time: float) -> np.ndarray:
         """Return the bend rates by full duty of each wire (F, W), rad/s, as for `allocate`."""

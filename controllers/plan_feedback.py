@@ -60,24 +60,15 @@ class PlanFeedback(PlanController):
 
     _uncalibrated_margin = UNCALIBRATED_MARGIN
 
-    def __init__(
-        self,
-        trajectory: Trajectory,
-        *,
-        parameters: LimbParameters | None = None,
-        known_start: bool = False,
-    ):
+    def __init__(self, trajectory: Trajectory, *, parameters: LimbParameters | None = None):
         """
         Args:
             trajectory: the plan.
             parameters: description of the limb, for gains and estimates; the plan's if None.
-            known_start: whether the limb begins with the plan's heat and bend, as one that is warm
-                or carries a load; else at rest, according to its first readings.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
-        start = (self._plan.heat[0], trajectory.bend_angle[:, 0]) if known_start else None
-        super().__init__(parameters, self._plan.duty[0], start)
+        super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
         self._planned_gains = gains_along_plan(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))
@@ -126,8 +117,7 @@ class PlanFeedback(PlanController):
         return plan.bend_angle[periods], plan.reference[periods], plan.duty[periods]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        unplanned = self._unplanned_offset(time, estimate)
-        to_hold = self._estimator.model.temperature_to_hold(unplanned)
+        to_hold = self._estimator.model.temperature_to_hold(estimate.offset)
         limits = self._parameters.temperature_limits
         highest = self._highest[self._plan.index(time)] + self._max_excess + to_hold
         limit = np.maximum(highest, limits.warm + WARM_MARGIN)
@@ -135,10 +125,6 @@ class PlanFeedback(PlanController):
             margin = limits.maximum - self._uncalibrated_margin
             limit = np.minimum(limit, np.maximum(margin, self._highest.max(axis=0)))
         return limit
-
-    def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        """Return the bends (F,), rad, from outside that the plan does not have."""
-        return estimate.offset
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """Return the mean of T (..., W), °C, over the segment of each wire (..., W)."""

@@ -381,7 +381,7 @@ def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: Sys
             builder.Connect(limb.GetOutputPort(name), port)
             continue
         # Join both readings for a limb without the output ``measurement``.
-        readings = [limb.GetOutputPort(n) for n in ("measured_temperature", "bend_angle")]
+        readings = list(map(limb.GetOutputPort, ("measured_temperature", "bend_angle")))
         joined = builder.AddSystem(Multiplexer([reading.size() for reading in readings]))
         for entry, reading in enumerate(readings):
             builder.Connect(reading, joined.get_input_port(entry))

@@ -181,12 +181,13 @@ def drive(
         check_positive("sample_rate", sample_rate)
         builder = DiagramBuilder()
         builder.AddSystem(station)
-        names = [station.get_input_port(i).get_name() for i in range(station.num_input_ports())]
+        ports = map(station.get_input_port, range(station.num_input_ports()))
+        names = [port.get_name() for port in ports]
         if unknown := [name for name in inputs if name not in names]:
             raise StationError(
                 f"The station has no input {', '.join(unknown)}; it has {', '.join(names)}."
             )
-        if missing := [n for n in names if n.endswith(".duty") and n not in inputs]:
+        if missing := [name for name in names if name.endswith(".duty") and name not in inputs]:
             raise StationError(f"{', '.join(missing)} is missing; each limb needs its duty.")
         # Connect a source to each input. Integration stops at its jumps.
         limbs = station.limbs

@@ -1,4 +1,4 @@
-"""Kinematics of a limb in numbers: bends, tip and links of joint angles.
+"""Kinematics of a limb in numbers: bends and tip of joint angles.
 
 Angles are in rad; `limb_systems.symbolic_chain` defines the frames.
 """
@@ -9,26 +9,7 @@ from numpy.typing import ArrayLike
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.smooth_function import build_once
-from limb_systems.symbolic_chain import link_position_function
-
-
-def link_positions(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
-    """Return the positions of the links' ends in the base's frame, m.
-
-    Args:
-        joint_angles: θ, (joints,) or (joints, K).
-
-    Returns:
-        Positions of the base and of the end of each link; the last one is the tip. (P, 3) or
-        (P, 3, K). A segment with centred joints has one more end: the end of its fixed part.
-    """
-    model = LimbModel.of(parameters)
-    # The positions depend on these properties only.
-    shape = [(s.joints, s.centred_joints, s.length) for s in model.parameters.segments]
-    places = build_once(("places", repr(shape)), lambda: link_position_function(model.mechanics))
-    angles = np.asarray(joint_angles, float)
-    (flat,) = places(angles)
-    return flat.reshape(-1, 3, *angles.shape[1:])
+from limb_systems.symbolic_chain import tip_position_function
 
 
 def tip_position(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:
@@ -41,7 +22,10 @@ def tip_position(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike
         (2,) or (2, K); (3,) or (3, K) in space.
     """
     model = LimbModel.of(parameters)
-    tip = link_positions(model, joint_angles)[-1]
+    # The position depends on these properties only.
+    shape = [(s.joints, s.centred_joints, s.length) for s in model.parameters.segments]
+    tip_of = build_once(("tip", repr(shape)), lambda: tip_position_function(model.mechanics))
+    tip = tip_of.values(np.transpose(np.asarray(joint_angles, float))).T
     return tip[:2] if model.layout.is_planar else tip
 
 

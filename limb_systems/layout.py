@@ -30,9 +30,10 @@ class Layout:
         segments = parameters.segments
         self.chains = [segment.chain for segment in segments]
         # Number the joints, wires and bends through all segments.
-        self.joints_of = slices([len(chain.kinds) for chain in self.chains])
-        self.wires_of = slices([len(segment.wires) for segment in segments])
-        self.bends_of = slices([segment.axes for segment in segments])
+        sizes = []
+        for segment, chain in zip(segments, self.chains, strict=True):
+            sizes.append((len(chain.kinds), len(segment.wires), segment.axes))
+        self.joints_of, self.wires_of, self.bends_of = map(slices, np.transpose(sizes))
         self.num_joints = self.joints_of[-1].stop
         self.num_wires = self.wires_of[-1].stop
         self.num_bends = self.bends_of[-1].stop
@@ -67,7 +68,7 @@ class Layout:
         return np.array([np.hypot.reduce(angles[of_segment]) for of_segment in self.bends_of])
 
 
-def slices(sizes: list[int]) -> list[slice]:
+def slices(sizes: ArrayLike) -> list[slice]:
     """Return the slices of consecutive parts of the given sizes."""
-    ends = np.cumsum(sizes).tolist()
-    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    ends = np.cumsum(sizes)
+    return list(map(slice, (ends - sizes).tolist(), ends.tolist()))

@@ -223,24 +223,6 @@ def _joints(plant: MultibodyPlant, limb: ModelInstanceIndex) -> list[RevoluteJoi
     return joints
 
 
-def _checked_joints(
-    plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
-) -> list[RevoluteJoint]:
-    """Return the revolute joints of a limb.
-
-    Raises:
-        ParameterError: if the limb has another number of joints than its description.
-    """
-    joints = _joints(plant, limb)
-    if len(joints) != parameters.num_joints:
-        raise ParameterError(
-            f"The limb {plant.GetModelInstanceName(limb)!r} has {len(joints)} joints in the plant "
-            f"and {parameters.num_joints} in its description; give the description from which the "
-            "model was written."
-        )
-    return joints
-
-
 def _check_model(
     plant: MultibodyPlant, limb: ModelInstanceIndex, parameters: LimbParameters
 ) -> list[RevoluteJoint]:
@@ -259,7 +241,13 @@ def _check_model(
             f"{', '.join(foreign)}; give them a model instance of their own, by "
             "plant.AddModelInstance."
         )
-    joints = _checked_joints(plant, limb, parameters)
+    joints = _joints(plant, limb)
+    if len(joints) != parameters.num_joints:
+        raise ParameterError(
+            f"The limb {name!r} has {len(joints)} joints in the plant and "
+            f"{parameters.num_joints} in its description; give the description from which the "
+            "model was written."
+        )
     # Each joint has a spring and an actuator, and the base is welded.
     springs = {}
     for index in range(plant.num_force_elements()):

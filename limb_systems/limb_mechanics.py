@@ -62,12 +62,10 @@ class LimbMechanics:
         self.damping = np.zeros(layout.num_joints)
         self.rest_angles = np.zeros(layout.num_joints)
         for segment, chain, joints in zip(segments, self.chains, layout.joints_of, strict=True):
-            ratio_of = segment.joint_ratios
-            rest_angle_of = segment.joint_rest_angles
-            ratios = np.array([ratio_of[kind] for kind in chain.kinds])
+            ratios = np.array([*map(segment.joint_ratios.get, chain.kinds)])
             self.stiffness[joints] = ratios * segment.stiffness
             self.damping[joints] = ratios * segment.damping
-            self.rest_angles[joints] = [rest_angle_of[kind] for kind in chain.kinds]
+            self.rest_angles[joints] = [*map(segment.joint_rest_angles.get, chain.kinds)]
 
         # Set the levers of the wires and the shape of each bend.
         self.levers = np.zeros((layout.num_joints, layout.num_wires))

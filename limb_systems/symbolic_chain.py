@@ -12,7 +12,7 @@ import numpy as np
 
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.segment_chain import chord, joint_poses, log_map_angles
-from limb_systems.smooth_function import Compiled, SmoothFunction
+from limb_systems.smooth_function import SmoothFunction
 
 
 class Chain:
@@ -111,25 +111,6 @@ def tip_position_function(mechanics: LimbMechanics) -> SmoothFunction:
     angles = ca.SX.sym("q", num_joints)
     tip = Chain(mechanics, angles).position(num_joints - 1, mechanics.end_offset[-1])
     return SmoothFunction(tip, angles)
-
-
-def link_position_function(mechanics: LimbMechanics) -> Compiled:
-    """Return `limb_systems.kinematics.link_positions` of P points (3P,) as a function of θ (n,).
-
-    The points are the base and, of each segment, the beginnings of its links and its end.
-    """
-    angles = ca.SX.sym("q", mechanics.layout.num_joints)
-    chain = Chain(mechanics, angles)
-    points = [ca.SX(3, 1)]
-    for (segment, joints), end in zip(
-        mechanics.chains_with_joints, mechanics.end_offset, strict=True
-    ):
-        # Without a part that is fixed to the base, the first joint is where the segment begins,
-        # and that point is there already.
-        first_joints = segment.first_joints[0 if segment.first_length else 1 :]
-        points += [chain.origins[joint] for joint in joints.start + first_joints]
-        points.append(chain.position(joints.stop - 1, end))
-    return Compiled([angles], [ca.densify(ca.vertcat(*points))])
 
 
 def _acceleration(turning: ca.SX, spin: ca.SX, arm: ca.SX) -> ca.SX:

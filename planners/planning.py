@@ -325,8 +325,8 @@ class Planner:
             return guess, None
         # Let the motion follow from its heat.
         try:
-            guess = solve_motion(program, guess)
-            return guess, estimate_multipliers(program, guess, quasi_static, solution)
+            guess, slopes = solve_motion(program, guess)
+            return guess, estimate_multipliers(program, guess, slopes, quasi_static, solution)
         except (LimbError, np.linalg.LinAlgError):
             return guess, None
 

@@ -9,16 +9,8 @@ import re
 from pathlib import Path
 from types import FunctionType
 
-PACKAGES = (
-    "limb_systems",
-    "urdf",
-    "planners",
-    "controllers",
-    "calibration",
-    "hardware",
-    "walking",
-    "soft_limb",
-)
+from .test_imports import PACKAGES
+
 ROOT = Path(__file__).parents[1]
 
 

@@ -11,19 +11,11 @@ import pytest
 
 from limb_systems import LimbParameters, Recording, Trajectory
 
+from .test_imports import PACKAGES
+
 pytestmark = pytest.mark.whole
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = (
-    "limb_systems",
-    "urdf",
-    "planners",
-    "controllers",
-    "calibration",
-    "hardware",
-    "walking",
-    "soft_limb",
-)
 
 
 @pytest.fixture(scope="module")

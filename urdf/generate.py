@@ -104,7 +104,10 @@ def robot_element(robot: Any) -> Element:
         foot = _add_point(element, f"{prefix}foot", ankle, parent, origin, robot.feet.mass)
         _add_visual(foot, "foot", BRACKET_COLOR, ball)
         if robot.ground:
-            _add_collision(foot, ball, _foot_contact_properties(robot))
+            contact = _contact_properties(robot.ground)
+            contact["point_contact_stiffness"] = robot.feet.stiffness
+            contact["relaxation_time"] = robot.feet.damping / robot.feet.stiffness
+            _add_collision(foot, ball, contact)
     # Body and feet do not collide with each other.
     if robot.ground:
         _filter_collisions(element, ["body", *(f"{limb.name}_foot" for limb in robot.limbs)])
@@ -122,22 +125,13 @@ def document(robot: Element) -> str:
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
 
 
-def _contact_properties(ground) -> dict[str, float | None]:
+def _contact_properties(ground) -> dict[str, float]:
     """Return the contact properties of bodies that touch a robot's ground."""
     return {
         "mu_dynamic": ground.friction,
         "mu_static": ground.friction,
         "point_contact_stiffness": CONTACT_STIFFNESS,
         "relaxation_time": RELAXATION_TIME,
-    }
-
-
-def _foot_contact_properties(robot) -> dict[str, float | None]:
-    """Return the contact properties of a robot's foot."""
-    feet = robot.feet
-    return _contact_properties(robot.ground) | {
-        "point_contact_stiffness": feet.stiffness,
-        "relaxation_time": feet.damping / feet.stiffness,
     }
 
 

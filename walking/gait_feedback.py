@@ -9,12 +9,11 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import EventStatus
 
 from controllers.estimator import StateEstimate
 from controllers.plan_controller import SampledPlan
-from controllers.plan_feedback import PROPORTIONAL_GAIN, PlanFeedback
+from controllers.plan_feedback import PREVIEW_TICKS, PROPORTIONAL_GAIN, PlanFeedback
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
@@ -39,7 +38,8 @@ class GaitFeedback(PlanFeedback):
 
     Within a cycle the F bends of the limbs are to be φ̄ + a (φ* - φ̄), with φ̄ the mean of each
     planned bend over the cycle. Their errors e in the coming 0.5 s are predicted as by
-    `PlanFeedback`. Wires are held to the heat of the gait's limit cycle. In addition errors beyond
+    `PlanFeedback`, with the bends that the ground makes in the gait. Wires are held to the heat of
+    the gait's limit cycle. In addition errors beyond
     1° are corrected:
 
         D = D* + k (T* - T) / a2 + λ g,   bend rate by λ g = k_p (e - clip(e, -1°, 1°))
@@ -78,14 +78,12 @@ class GaitFeedback(PlanFeedback):
         gait: Gait,
         cycles: int,
         *,
-        heat: ArrayLike | None = None,
-        bend: ArrayLike | None = None,
         parameters: LimbParameters | None = None,
     ):
         """
         Args:
             gait: a gait that passed its check, or was not checked.
-            cycles, heat, bend: as for `walk`, about which it is.
+            cycles: as for `walk`, about which it is.
             parameters: description of all limbs together, of which gains and estimates are
                 made; the gait's if None.
 
@@ -98,10 +96,10 @@ class GaitFeedback(PlanFeedback):
                 "(HeatFeedback, --controller heat-feedback)."
             )
         # Follow the heat of the limit cycle: from cold, duty alone reaches it after many cycles.
-        trajectory = walk(gait, cycles, heat=heat, bend=bend)
+        trajectory = walk(gait, cycles)
         start = trajectory.duration - cycles * gait.period
         trajectory = _with_heat_of_gait(trajectory, gait, start)
-        super().__init__(trajectory, parameters=parameters, known_start=heat is not None)
+        super().__init__(trajectory, parameters=parameters)
         if self._parameters.calibration:
             self._max_excess = MAX_EXCESS
         self._cycles = cycles
@@ -158,8 +156,12 @@ class GaitFeedback(PlanFeedback):
         beyond = error - np.clip(error, -MAX_ERROR, MAX_ERROR)
         return duty, PROPORTIONAL_GAIN * beyond
 
-    def _unplanned_offset(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        return estimate.offset - self._planned_offset[self._plan.index(time)]
+    def _known_offset(self, time: float) -> np.ndarray:
+        return self._planned_offset[self._plan.index(time)]
+
+    def _predicted_error(self, time: float, estimate: StateEstimate, state) -> np.ndarray:
+        later = time + PREVIEW_TICKS * PERIOD * state.value(2)[PACE]
+        return super()._predicted_error(time, estimate, state) - self._known_offset(later)
 
     def _after_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()

@@ -8,7 +8,7 @@ from calibration.import_logs.words import is_unit
 AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")  # a number and its unit
 _SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
 _TIME = re.compile(
-    r"(?P<date>\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?:(?P<hours>\d+):)?(?P<minutes>\d\d?):"
+    r"(?P<date>\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?P<hours>\d+):(?P<minutes>\d\d?):"
     r"(?P<seconds>\d\d)(?:[.:](?P<fraction>\d+))?\s*(?P<half>[AaPp][Mm])?\s*"
     r"(?:Z|(?P<sign>[-+])(?P<zone_hours>\d\d):?(?P<zone_minutes>\d\d))?"
 )
@@ -41,20 +41,15 @@ def time_of_day(text: str) -> float:
     if not match:
         return math.nan
     part = match.groupdict()
-    # Without hours, a date or am and pm says that these are hours and minutes.
-    clock = [part["hours"], part["minutes"], f"{part['seconds']}.{part['fraction'] or 0}"]
-    if not part["hours"]:
-        if not (part["date"] or part["half"]):
-            return math.nan  # 12:30 may be of hours or of minutes
-        clock = [part["minutes"], part["seconds"], "0"]
     # Take out am and pm, and the time zone.
-    hours = int(clock[0])
+    hours = int(part["hours"])
+    minutes = int(part["minutes"])
     if part["half"]:
         hours = hours % 12 + 12 * (part["half"][0] in "Pp")
     if part["sign"]:
         hours -= int(part["sign"] + part["zone_hours"])
-        clock[1] = str(int(clock[1]) - int(part["sign"] + part["zone_minutes"]))
-    return 3600.0 * hours + 60.0 * int(clock[1]) + float(clock[2])
+        minutes -= int(part["sign"] + part["zone_minutes"])
+    return 3600.0 * hours + 60.0 * minutes + float(f"{part['seconds']}.{part['fraction'] or 0}")
 
 
 def is_number(cell: str, decimal_mark: str) -> bool:

@@ -115,7 +115,8 @@ def import_logs(
                 raise
             unread.append(str(problem))
             continue
-        logs += [ImportedLog(path, limb) for limb in limbs]
+        for limb in limbs:
+            logs.append(ImportedLog(path, limb))
         # The only log need not be read again.
         if len(files) == 1:
             tables = [table.only(limbs[0].mapping.columns)]

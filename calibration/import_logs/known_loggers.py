@@ -1,6 +1,7 @@
 """Known loggers: `ezloophw-py`, of limbs with two wires each, and its pneumatic successor."""
 
 import itertools
+import operator
 import re
 
 from calibration.import_logs import mapping
@@ -8,7 +9,7 @@ from calibration.import_logs.clock import DAY
 from calibration.import_logs.mapping import BendColumns, LogMapping, TimeColumn, WireColumns
 from calibration.import_logs.points import base_direction
 from calibration.import_logs.propose import Columns, Proposal
-from calibration.import_logs.table import LogTable
+from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import Dictionary
 
 TIMESTAMP = "Timestamp (millisec since midnight today)"
@@ -26,7 +27,7 @@ def known_logger(table: LogTable) -> list[Proposal]:
     limbs = sorted(set(map(int, _numbers_after("pwm_duty_limb", table, r"_\w+"))))
     if limbs:
         proposals = [_shape_memory_limb(table, limbs, limb) for limb in limbs]
-        return [proposal for proposal in proposals if proposal.is_heated] or proposals
+        return list(filter(operator.attrgetter("is_heated"), proposals)) or proposals
     if TIMESTAMP in table.names and _numbers_after("MPRpressure_", table):
         return _pneumatic_limbs(table)
     return []
@@ -51,20 +52,19 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
         time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)  # it begins anew at midnight
     columns = Columns(table, limb=None, dictionary=Dictionary(), time=time)
     # Ignore the numbers in the columns' names: they do not say which wire has which thermocouple.
-    by_name = {}
     for column in columns.columns:
         column.name.label = ""
-        by_name[column.text] = column
-        # A thermocouple whose readings never change is not connected.
-        if column.text.startswith("MCPtemp_") and column.span:
-            columns.temperatures.append(column)
+    # A thermocouple whose readings never change is not connected.
+    sensors = columns.columns.moving.where(lambda column: column.text.startswith("MCPtemp_"))
+    columns.temperatures = sensors
     # Pair the wires of all limbs, this limb's first, with the thermocouples that they warm.
     for number in sorted(limbs, key=lambda number: number != limb):
         for side, wire_in_log in WIRE_BY_SIDE.items():
             duty = f"pwm_duty_limb{number}_{wire_in_log}"
-            table.numbers(duty)  # raises an error that names the column if it is missing
-            columns.duties.append(by_name[duty])
             columns.wires.append(WireColumns(side, duty))
+            columns.duties += columns.columns.having("text", duty)
+            if len(columns.duties) < len(columns.wires):
+                raise LogError(f"no column {duty!r} with numbers, which this logger writes.")
     columns.pair_wires_with_thermocouples()
     # Keep this limb's two wires; the others were there to claim their own thermocouples.
     del columns.duties[2:]
@@ -78,7 +78,7 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
         if columns.duties[index].span:
             fields.append(f"wires[{index}].temperature")
         elif wire.temperature in ("", mapping.UNKNOWN):
-            is_free = by_name.get(usual) in columns.temperatures and usual not in taken
+            is_free = usual in sensors.each("text") and usual not in taken
             wire.temperature = usual if is_free else ""
         if wire.unit == mapping.UNKNOWN and wire.temperature != mapping.UNKNOWN:
             wire.unit = "C"

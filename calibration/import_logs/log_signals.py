@@ -370,9 +370,10 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
 def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
     """Return the angle of the line between two points in a picture (K,), °."""
     bend = mapping.bend
-    angle = link_directions([_numbers(table, column, mapping) for column in bend.line])[0]
+    columns = {column: _numbers(table, column, mapping) for column in bend.columns}
+    angle = link_directions(list(map(columns.__getitem__, bend.line)))[0]
     if bend.base_line:
-        links = link_directions([_numbers(table, column, mapping) for column in bend.base_line])
+        links = link_directions(list(map(columns.__getitem__, bend.base_line)))
         turn = wrapped(links[-1] - links[0])  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
     return wrapped(angle - bend.zero) * bend.scale
@@ -381,17 +382,11 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
 def resampled(
     times: np.ndarray, duty: np.ndarray, readings: np.ndarray, rate: float
 ) -> dict[str, Any]:
-    """Return the signals of a `Recording` in even steps.
+    """Return the signals of a `Recording` in even steps; arguments are as in `_Signals`.
 
     A row's duty is in force until the next row. Each sample has the readings of the last row
     before it and their age, and the mean duty since the sample before, which keeps the heat of
     the log; its applied duty is the mean between the rows.
-
-    Args:
-        times: times of K rows (K,), s from the first, increasing.
-        duty: duty of W wires (W, K), in [0, 1].
-        readings: temperatures V of W wires, °C, and angles φ of F bends, rad (W + F, K).
-        rate: rate of the samples, Hz.
     """
     # Each sample has the last row before it, unless the row is stale.
     grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate

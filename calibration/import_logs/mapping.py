@@ -5,6 +5,7 @@
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -124,20 +125,14 @@ class LogMapping(Strict):
         if not self.wires or len(set(names)) < len(names):
             raise LogError("wires must have at least one wire, and no name twice.")
         # No column stands for two signals, but a signed one for the duty of two wires.
-        signals = [("time", self.time.column)]
-        signals += [("the bend", column) for column in bend.columns]
+        signals = [self.time.column, *set(bend.columns)]
         for wire in self.wires:
-            kind = "duty" if wire.sign > 0 else "negative duty"
-            signals.append((f"{kind} of the {wire.name} wire", wire.duty))
-            signals.append((f"temperature of the {wire.name} wire", wire.temperature))
-        signal_of_column: dict[str, str] = {}
-        for signal, column in signals:
-            key = f"-{column}" if signal.startswith("negative") else column
-            first_signal = signal_of_column.setdefault(key, signal)
-            if column not in ("", UNKNOWN) and first_signal != signal:
+            signals.append(wire.duty if wire.sign > 0 else f"-{wire.duty}")
+            signals.append(wire.temperature)
+        for column, count in Counter(signals).items():
+            if count > 1 and column.strip(f"-{UNKNOWN}"):
                 raise LogError(
-                    f"the column {column!r} is given for {first_signal} and for {signal}; give "
-                    "each its own."
+                    f"the column {column!r} is given for two signals; give each its own."
                 )
 
     @property

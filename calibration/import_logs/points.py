@@ -9,11 +9,9 @@ MIN_FIRST_TURN = 0.85  # of the turn of a limb's first link, if it were bent eve
 def link_directions(coordinates: list[np.ndarray]) -> np.ndarray:
     """Return directions of the links between P points in a picture (P - 1, K), °.
 
-    In the picture y points down. Directions are nan where a point is at 0, 0, or all have been
-    where they are, to all digits, for some rows: so do trackers write that they have lost them.
-
-    Args:
-        coordinates: x and y (K,) of each point.
+    Directions are nan where a point is at 0, 0, or all have been where they are, to all digits,
+    for some rows: so do trackers write that they have lost them. ``coordinates`` are x and y (K,)
+    of each point.
     """
     columns = np.array(coordinates)
     x = columns[::2]
@@ -27,13 +25,10 @@ def link_directions(coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def base_direction(coordinates: list[np.ndarray]) -> float:
-    """Return the direction of a limb's base in a picture whose y points down, °; 0 if not seen.
+    """Return the direction of a limb's base, °, by points of which it is the first; 0 if not seen.
 
-    A link has the direction of the tangent at its middle, and the base is half a
-    link before the first one, as for constant curvature.
-
-    Args:
-        coordinates: x and y (K,) of two or more points, the base first.
+    A link has the direction of the tangent at its middle, and the base is half a link before the
+    first one, as for constant curvature. ``coordinates`` are x and y (K,) of two or more points.
     """
     links = link_directions(coordinates)
     links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=0, period=360.0)

@@ -35,7 +35,8 @@ MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
-MIN_SAME_CORRELATION = 0.97  # correlation of two columns that show the same
+MIN_COOLING_STEPS = 6  # steps without heat that show whether a wire cools
+SLOWEST_COOLING = 50.0  # s, in which a hot wire loses two thirds of its heat at least
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
@@ -145,8 +146,7 @@ class Columns:
         heats = np.zeros((len(self.duties), len(self.steps.times)))
         for index, duty in enumerate(self.duties):
             heats[index] = duty.heat(self.wires[index].sign)
-        # What follows inverted duties is judged as if they were turned.
-        return heats.max(axis=1, keepdims=True) - heats if self.is_inverted else heats
+        return heats
 
     def ask(
         self, kind: str, field: str, choices: Iterable["str | Column"] = (), **facts: object
@@ -262,6 +262,9 @@ class Columns:
                 self.is_inverted = True
         if full and not is_mixed and not self.is_inverted:
             return full
+        # What follows is judged as if inverted duties were not.
+        if self.is_inverted:
+            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
         kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
         texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
@@ -418,29 +421,39 @@ class Columns:
     def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
         """Return whether readings may be true temperatures in one room, without offsets.
 
-        Thermocouples then become as cold as each other, and in a long log as cold as a room.
+        Thermocouples then become as cold as each other, and in a long log as cold as a room. In a
+        short log a wire may stay warmer, if it is warm at first and cools until it is heated.
         """
         moving = sensors.moving
         if not moving:
             return True
         factor, offset = mapping.TEMPERATURE_UNITS[unit]
         coldest = np.array(moving.each("lowest"))
-        is_warm = self.is_long and factor * coldest.max() + offset > ROOM_RANGE[1]
-        return not is_warm and bool(factor * np.ptp(coldest) < MIN_OFFSET)
+        are_alike = bool(factor * np.ptp(coldest) < MIN_OFFSET)
+        if self.is_long:
+            return are_alike and bool(factor * coldest.max() + offset <= ROOM_RANGE[1])
+        warmest = moving[int(coldest.argmax())]
+        lead = warmest.means[0] - min(moving.each("first"))
+        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
+        if are_alike or num_steps < MIN_COOLING_STEPS or factor * lead < MIN_OFFSET:
+            return are_alike
+        # From the middle of one half to the middle of the other it cools, at its slowest.
+        first_half, second_half = np.array_split(warmest.means[:num_steps], 2)
+        cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
+        return bool(np.nanmean(first_half) - np.nanmean(second_half) >= cooling)
 
     # The bend.
 
     def bend(self) -> BendColumns:
         """Return the columns of the bend: by name, else points, else what follows the heat."""
         # Take what names say: angles, or else points.
-        points = self._points()
-        coordinates = ColumnList(itertools.chain(*points))
+        coordinates = self._points()
         places = set(coordinates.each("name.place"))
         of_points = self.columns.where(lambda c: c.name.axis and c.name.place in places)
         candidates = self._of_role(BEND).moving.without(of_points)
         self.free = self.free.without([*of_points, *candidates])
-        if points and not candidates:
-            return self._line(points)
+        if coordinates and not candidates:
+            return self._line(coordinates)
         if self.limb.segments[0].axes == 2 and len(candidates) == 2:
             first, second = sorted(candidates, key=lambda c: (c.name.axis, c.name.label))
             bend = self._bend_column(first)
@@ -458,34 +471,29 @@ class Columns:
             likely = unnamed.where(self._is_bent)
             self.ask("no bend", "bend.column", likely)
             return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
-        # Several may be the bend, unless they show the same.
-        first = min(candidates, key=lambda c: c.name.rank)
-        for column in candidates:
-            is_equal = 0.9 < column.span / first.span < 1.1
-            if not is_equal or abs(correlation(first.means, column.means)) < MIN_SAME_CORRELATION:
-                self.ask("bend", "bend.column", candidates)
-                return BendColumns(UNKNOWN)
-        return self._bend_column(first)
+        if len(candidates) > 1:
+            self.ask("bend", "bend.column", candidates)
+            return BendColumns(UNKNOWN)
+        return self._bend_column(candidates[0])
 
     def _is_bent(self, column: Column) -> bool:
         """Return whether a column clearly follows the heat of a wire."""
         return bool((np.abs(column.votes(self.heats)) > MIN_VOTE).any())
 
-    def _points(self) -> list[tuple[Column, Column]]:
-        """Return the columns x and y of points in a picture; none if there is one point only."""
+    def _points(self) -> ColumnList:
+        """Return x and y of each point in a picture, in turn; none if there is one point only."""
         by_place = {}
         for column in self.columns:
             if column.name.is_measured and column.name.quantity in ("", "counts", "length"):
                 by_place[column.name.place, column.name.axis] = column
-        pairs = []
+        coordinates = ColumnList()
         for (place, axis), column in by_place.items():
             if axis == "x" and (place, "y") in by_place:
-                pairs.append((column, by_place[place, "y"]))
-        return pairs if len(pairs) > 1 else []
+                coordinates += [column, by_place[place, "y"]]
+        return coordinates if len(coordinates) > 2 else ColumnList()
 
-    def _line(self, points: list[tuple[Column, Column]]) -> BendColumns:
+    def _line(self, coordinates: ColumnList) -> BendColumns:
         """Return the line from the base to the tip; ask if it is not clear which they are."""
-        coordinates = ColumnList(itertools.chain(*points))
         texts = coordinates.each("text")
         tip = texts[-2:]
         says_fixed = "fixed" in set().union(*coordinates.each("name.says"))
@@ -501,7 +509,8 @@ class Columns:
             zero = base_direction(coordinates.each("values"))
             # In the picture, the limb's right is clockwise.
             return BendColumns(line=texts[:2] + tip, zero=zero, scale=-1.0, measures=mapping.CHORD)
-        choices = [f"[{', '.join([x.text, y.text, *tip])}]" for x, y in points[:-1]]
+        starts = range(0, len(texts) - 2, 2)
+        choices = [f"[{', '.join(texts[start : start + 2] + tip)}]" for start in starts]
         self.ask("base", "bend.line", choices)
         return BendColumns(line=[UNKNOWN, UNKNOWN, *tip], scale=-1.0, measures=mapping.CHORD)
 

@@ -190,11 +190,7 @@ class _Form:
         return number(cell, self.decimal)
 
     def read_head(self, lines: list[str], names_line: int | None) -> bool:
-        """Read the lines before the numbers; return whether there are numbers.
-
-        Args:
-            names_line: as in `LogTable.form`; the head shows it if None.
-        """
+        """Read the lines before the numbers, and find the names if their line is not given."""
         num_rows = 0
         for line in lines[:MAX_HEAD_LINES]:
             row = self.cells(line)

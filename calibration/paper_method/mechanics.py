@@ -272,6 +272,7 @@ def _stiffness_of_sags(
 def _mounted(
     parameters: LimbParameters, gravity: Sequence[float], payload: float
 ) -> LimbParameters:
+    """Return a limb as it is mounted under gravity (3,), m/s², with a payload at its tip, kg."""
     mounted = copy.deepcopy(parameters)
     mounted.gravity = list(gravity)
     mounted.payload = payload
@@ -574,12 +575,13 @@ def _fit_recording(parameters, recording: Recording):
 
     # The model of the cold limb rings down with a given σ.
     def ring_down(damping: float, released: float) -> DampedSinusoid:
+        # Mount the limb as it was recorded, with cold wires.
         limb = copy.deepcopy(parameters)
         limb.gravity = list(gravity)
         limb.segments[0].damping = float(damping)
         for wire in limb.wires:  # they stay cold, and laws with memory take four times as long
             wire.law = LinearLaw()
-        # It starts from rest at the angles of the release.
+        # Release it at rest from where it was bent.
         swing = joint_angles_from_bend_angle(limb, released * direction)
         model = LimbModel.of(limb)
         start = np.append(model.mechanics.rest_angles + swing, np.zeros(len(swing)))
@@ -596,6 +598,7 @@ def _fit_recording(parameters, recording: Recording):
             cold,
             np.repeat([ANGLE_SCALE, 1.0], len(swing)),
         )
+        # Fit what the sensor shows of it.
         angles = motion.start[:, : len(swing)].T
         bends = sensor.apparent_bends(limb.segments[0].chain, angles)
         return fit_damped_sinusoid(times[:-1], direction @ bends)

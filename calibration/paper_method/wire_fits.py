@@ -200,7 +200,9 @@ def fit_heat_transfer(
     count = len(clusters)
     prior = fit.jac[-1] if fits_delay else None
     covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
-    covariance += _covariance_by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
+    change = residuals(fit.x, ambient + 1.0) - fit.fun
+    shift = np.linalg.pinv(fit.jac) @ change * ambient_error
+    covariance += np.outer(shift, shift)
     values = _rates(fit.x)
     value_covariance = covariance[:3, :3] * np.outer(values, values)
     errors = np.abs(values) * np.sqrt(np.diag(covariance)[:3])
@@ -232,12 +234,6 @@ def _rates(x: np.ndarray) -> np.ndarray:
     return _SIGNS * np.exp(x[:3])
 
 
-def _covariance_by_ambient(fit, residuals_warmer: np.ndarray, ambient_error: float) -> np.ndarray:
-    """Return the covariance due to the error of T0, by residuals with T0 1 °C higher."""
-    shift = np.linalg.pinv(fit.jac) @ (residuals_warmer - fit.fun) * ambient_error
-    return np.outer(shift, shift)
-
-
 def _block_numbers(time: np.ndarray) -> np.ndarray:
     """Return the numbers of the samples' blocks of time (K,); at least some blocks."""
     since = time - time[0]
@@ -251,6 +247,7 @@ def _independent_deviation(residual: np.ndarray, blocks: np.ndarray) -> float:
 
 
 def _check_excitation(name: str, duty, measured, ambient: float, period: float) -> None:
+    """Raise CalibrationError if a wire was not heated, or never warm."""
     if not duty.any():
         raise CalibrationError(f"The {name} wire was never heated in this recording.")
     rise = np.percentile(measured, 99) - ambient
@@ -301,6 +298,7 @@ def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[flo
 
 
 def _remarks_on_rates(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
+    """Yield remarks on fitted rates; raise CalibrationError for a rate at a bound of the fit."""
     at_limit = (duty >= 0.99).mean()
     highest = np.percentile(rise, 99)
     if at_limit > 0.2:

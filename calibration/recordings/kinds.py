@@ -107,6 +107,7 @@ def kind_of(recording: Recording, name: str = "") -> str:
         LimbError: if its limb is one that is not calibrated, if its header's kind is none, or if
             it shows a limb at rest.
     """
+    # Take the kind in the header, or else in the file's name.
     kinds = all_kinds(recording.parameters)
     if recording.kind:
         if recording.kind not in kinds:
@@ -117,6 +118,7 @@ def kind_of(recording: Recording, name: str = "") -> str:
     kind_by_name = "heated" if name in HEATED_NAMES else _named_kind(name, kinds)
     if kind_by_name in FREE_KINDS and recording.duty.any():
         return kind_by_name
+    # Take what it shows; a limb that hardly moves rings down only by name.
     shown_kind = kind_by_signals(recording)
     bends = recording.bend_angle[~np.isnan(recording.bend_angle)]
     if shown_kind == "ring_down" != kind_by_name and not (

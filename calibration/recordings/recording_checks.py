@@ -257,12 +257,14 @@ def _check_thermocouples(recording: Recording) -> None:
     signals = zip(recording.duty, recording.measured_temperature, strict=True)
     for index, (duty, measured) in enumerate(signals):
         name = recording.parameters.wire_names[index]
+        # Wires warm faster than that: else the time is in another unit.
         slope = (measured[window:] - measured[:-window]) / (times[window:] - times[:-window])
         if duty.any() and np.ptp(measured) > rise and np.abs(slope).max() < steepest:
             raise CalibrationError(
                 f"the {name} wire warms by {np.ptp(measured):.0f} °C, but nowhere faster than "
                 f"{np.abs(slope).max():.3f} °C/s; is time in milliseconds?"
             )
+        # Some readings are near ambient: else they are in another unit.
         if measured.min() > ambient + MAX_COLDEST_RISE:
             raise CalibrationError(
                 f"the {name} thermocouple reads {measured.min():.0f} at the lowest; it seems to be "
@@ -274,12 +276,11 @@ def _check_thermocouples(recording: Recording) -> None:
                 f"the {name} thermocouple rests at {level:.0f}, where ambient is {ambient:g} °C; "
                 "is it in degrees Fahrenheit?"
             )
+        # A connected thermocouple reads about ambient, as others do, and does not jump.
         if not recording.duty.any():
             continue
-        if (
-            typical_readings[index]
-            < np.fmin.reduce([ambient, *np.delete(typical_readings, index)]) - DISCONNECTED_BELOW
-        ):
+        coldest = np.fmin.reduce([ambient, *np.delete(typical_readings, index)])
+        if typical_readings[index] < coldest - DISCONNECTED_BELOW:
             raise CalibrationError(
                 f"the {name} thermocouple reads {typical_readings[index]:.0f} °C, far below "
                 "ambient and the others; is it connected?"

@@ -129,7 +129,9 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
     """
     # Draw Figs. 4 to 6 as panels.
     driven = {motion: ways[OPEN_LOOP] for motion, ways in experiment.ways.items()}
-    tracking = {m: tracking_panels(way.trajectory, way.rollouts) for m, way in driven.items()}
+    tracking = {}
+    for motion, way in driven.items():
+        tracking[motion] = tracking_panels(way.trajectory, way.rollouts)
     validation = experiment.calibration.validation
     assert validation is not None  # recordings of an emulated limb are enough for one
     result: dict[str, tuple[Figure | list[Panel], str]] = {

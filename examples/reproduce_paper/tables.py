@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from limb_systems import Provenance, Trajectory
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
@@ -183,7 +183,7 @@ def nearest_distance(trajectory: Trajectory) -> float | None:
 
 def limbs_of_family(summaries: Sequence[Summary], physics: str = LUMPED) -> list[Summary]:
     """Return the summaries of the limbs of one physics."""
-    return [s for s in summaries if s.physics == physics]
+    return [summary for summary in summaries if summary.physics == physics]
 
 
 def _of_limbs(limbs: Sequence[Summary], field: str, *keys: str) -> list[Any]:
@@ -419,4 +419,4 @@ def mean_and_margin(values: ArrayLike) -> str:
     if count == 1:
         return text
     spread = np.std(values, ddof=1) / np.sqrt(count)
-    return f"{text} ± {student.ppf(0.975, count - 1) * spread:.2f}"
+    return f"{text} ± {stdtrit(count - 1, 0.975) * spread:.2f}"

@@ -97,7 +97,9 @@ def write_mcap(samples, path: Path) -> None:
         present = [name for name in names if name in frame]
         if not present:
             continue
-        numbers = {n: {"type": "number", "description": units[n]} for n in ("time_s", *present)}
+        numbers = {}
+        for name in ("time_s", *present):
+            numbers[name] = {"type": "number", "description": units[name]}
         schema = {"title": signal, "type": "object", "properties": numbers}
         identity = writer.register_schema(
             f"soft_limb.{signal}", "jsonschema", json.dumps(schema, ensure_ascii=False).encode()
@@ -162,7 +164,10 @@ def read_mcap(path: Path) -> pandas.DataFrame:
                 content = floats_of(message.data, channel.topic.strip("/").replace("/", "_"))
             else:
                 continue
-            numbers = {n: v for n, v in content.items() if isinstance(v, int | float)}
+            numbers = {}
+            for name, value in content.items():
+                if isinstance(value, int | float):
+                    numbers[name] = value
             messages.append((message.log_time, numbers))
     if not messages:
         raise LimbError(f"{path} has no messages of JSON or of {FLOATS}.")

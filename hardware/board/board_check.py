@@ -226,7 +226,8 @@ def _check_duty_end(
     answered = host.newest.board_time
     act()
     host.wait(0.6)
-    age = max(s.board_time for s in host.samples if s.armed or s.duty.any()) - answered
+    heated = [sample for sample in host.samples if sample.armed or sample.duty.any()]
+    age = max(sample.board_time for sample in heated) - answered
     if age <= max_age and host.newest.reason == reason:
         return ""
     return f"armed for {age:.2f} s after it, then off for reason {host.newest.reason}"

@@ -155,7 +155,7 @@ class Guard:
 
     def _sensors_agree(self):
         """Return whether cold wires and amplifiers have the same temperature, of a room."""
-        cold = [self._averages[n] for n in self._wires if self.observers[n].most < COLD_RISE]
+        cold = [self._averages[w] for w in self._wires if self.observers[w].most < COLD_RISE]
         cold += self._junctions
         return max(cold) - min(cold) <= AGREEMENT_TOLERANCE and min(self._junctions) >= COLDEST_ROOM
 

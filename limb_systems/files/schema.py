@@ -287,7 +287,9 @@ def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NO_M
             raise SchemaError(f"{path} is {short_repr(data)}; it must be one of {words}.")
         return value
     if dataclasses.is_dataclass(schema):
-        return _convert_fields(data, typing.cast(type, schema), path, where)
+        cls = typing.cast(type, schema)
+        values = _field_values(data, cls, path, where)
+        return data if isinstance(data, cls) else cls(**values)
     if schema is str:
         check_text(data, path, metadata)
         return data
@@ -336,23 +338,21 @@ def _name_in_files(field: dataclasses.Field) -> str:
     return name if isinstance(name, str) else field.name if name else ""
 
 
-def _convert_fields(data: Any, schema: type, path: str, where: str) -> Any:
-    """Convert a dict to a dataclass, or check a dataclass; see `_convert`."""
-    values = _field_values(data, schema, path, where)
-    return data if isinstance(data, schema) else schema(**values)
-
-
 def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, Any]:
     """Return the values of a dataclass's fields by their names, without missing fields."""
     hints = _hints(schema)
     prefix = f"{path}." if path else ""
-    fields = {name: f for f in dataclasses.fields(schema) if (name := _name_in_files(f))}
+    fields = {}
+    for field in dataclasses.fields(schema):
+        if name_in_files := _name_in_files(field):
+            fields[name_in_files] = field
     # Collect the values.
     is_made = isinstance(data, schema)
     if is_made:
         given = {name: getattr(data, field.name) for name, field in fields.items()}
     elif isinstance(data, dict):
-        given = {key: value for key, value in data.items() if key != "_tag"}
+        given = dict(data)
+        given.pop("_tag", None)
     else:
         raise SchemaError(
             f"{where} must have the fields {', '.join(fields)}, but is {short_repr(data)}."

@@ -18,23 +18,30 @@ SLOPE_TOLERANCE = 1e-2  # rad and rad/s; after a smaller step, slopes are nearly
 MAX_ITERATIONS = 20
 
 
-def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
+def solve_motion(
+    program: TrajectoryProgram, x: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Return decision variables whose motion obeys (17), by Newton's method from a motion near it.
 
     Args:
         x: all decision variables.
+
+    Returns:
+        All decision variables; the slopes of `_step_to_next_knot` near them.
 
     Raises:
         LimbError: if Newton's method finds no motion.
     """
     x = x.copy()
     motion = program.motion
-    change = np.inf
+    inverse, to_next = _step_to_next_knot(program, x)
+    steps = LinearRecurrence(to_next)
+    change = 0.0
     for _ in range(MAX_ITERATIONS):
-        # Linearize the rows, unless the last step was small.
         rows = program.defects.evaluate(x).reshape(motion.shape[1], -1).T
         if np.abs(rows).max() < FEASIBILITY_TOLERANCE:
-            return x
+            return x, (inverse, to_next)
+        # Linearize the rows again, unless the last step was small.
         if change > SLOPE_TOLERANCE:
             inverse, to_next = _step_to_next_knot(program, x)
             steps = LinearRecurrence(to_next)
@@ -49,16 +56,20 @@ def solve_motion(program: TrajectoryProgram, x: np.ndarray) -> np.ndarray:
 
 
 def estimate_multipliers(
-    program: TrajectoryProgram, x: np.ndarray, quasi_static: QuasiStaticProgram, solution: Solution
+    program: TrajectoryProgram,
+    x: np.ndarray,
+    slopes: tuple[np.ndarray, np.ndarray],
+    quasi_static: QuasiStaticProgram,
+    solution: Solution,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return multipliers of the constraints and of the bounds of a program near its solution.
 
     Args:
-        x: all decision variables.
+        x, slopes: as returned by `solve_motion`.
         quasi_static, solution: the quasi-static program of the same plan, and its solution.
     """
     # The multipliers of the motion, by the adjoint from the last knot to the first.
-    inverse, to_next = _step_to_next_knot(program, x)
+    inverse, to_next = slopes
     by_motion: np.ndarray = np.zeros(program.motion.shape)
     by_angles = program.cost_by_angles(x)
     by_motion[:, : by_angles.shape[1]] = by_angles

@@ -212,9 +212,12 @@ def _board_check(options: argparse.Namespace) -> int:
     parameters = LimbParameters.of(options.limb)
     voltage, cut_off = _supply_answers(options)
     refusals: list[str] = []
-    if voltage != NO_SUPPLY and not check_supply(
-        parameters, voltage, cut_off, lambda passed, sentence: passed or refusals.append(sentence)
-    ):
+
+    def note_refusal(passed: bool, sentence: str) -> None:
+        if not passed:
+            refusals.append(sentence)
+
+    if voltage != NO_SUPPLY and not check_supply(parameters, voltage, cut_off, note_refusal):
         raise LimbError(f"The board is not checked: {'; '.join(refusals)}.")
     # Run all cases, and count the outcomes.
     with SerialPort(options.port) as cable:

@@ -71,19 +71,9 @@ COMMANDS = {
         _plan,
         "Plan the feasible trajectory of a limb that is nearest to a reference bend angle. The "
         "plan is checked by simulation and saved for soft-limb replay.",
-        "reference limb plot report smooth knot-rate json force",
+        "reference limb task plot report smooth knot-rate json force",
         [
             shared("output", help="trajectory file to write (.csv)"),
-            [
-                shared("task"),
-                Option(
-                    "--closed-loop",
-                    action="store_const",
-                    dest="task",
-                    const="closed-loop",
-                    help="plan for feedback: --task closed-loop",
-                ),
-            ],
             Option(
                 "--tip",
                 action="store_true",

@@ -29,11 +29,14 @@ def _sweep(options: argparse.Namespace) -> int:
     checked_outputs(options, options.limb, *options.references)
     for reference in options.references:
         load_reference(reference, SMOOTHING_TIME)
+    vary = dict(options.vary)
+    if len(vary) < len(options.vary):
+        raise LimbError("--vary has a field twice; give all values of a field at once.")
     # List all combinations.
     cases = make_cases(
         LimbParameters.of(options.limb),
         options.references,
-        vary=dict(options.vary),
+        vary=vary,
         controllers=options.controller or [OPEN_LOOP],
         seeds=options.seeds,
     )

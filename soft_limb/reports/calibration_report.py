@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from calibration.paper_method.wire_fits import HeatFit
 from calibration.prediction.law_fit import Predicted
 from calibration.prediction.selection import Prediction
 from calibration.validation import Validation
+from limb_systems import LimbParameters
 from limb_systems.monte_carlo import parameter_owner
 from limb_systems.views.colors import (
     PLAN_COLOR,
@@ -67,7 +68,7 @@ def write_report(
     parts.append(page.section("Parameters", *parameters))
     # Add the laws as fitted, and the fits of Sec. V in words.
     if calibration.prediction:
-        parts += _prediction(calibration.prediction, calibration.parameters.wire_names)
+        parts += _prediction(calibration.prediction, calibration.parameters)
     sentences = []
     if stiffness := calibration.stiffness:
         factor = stiffness.factor_in_words
@@ -96,7 +97,7 @@ def write_validation_report(
     page.write_page(path, "Validation of a calibrated limb", parts, made, data)
 
 
-def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:
+def _prediction(prediction: Prediction, limb: LimbParameters) -> list[page.Part]:
     """Return a table of the compared laws, and a section for each recording that was fitted."""
     # List the errors of each law.
     rows = []
@@ -118,7 +119,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
         text = f"{predicted.run.source}: mean error of the bend {bend}"
         if predicted.run.is_read:
             text += f", of V {predicted.temperature_error:.1f} °C"
-        parts.append(_section(title, f"{text}.", predicted_panels(predicted, wire_names)))
+        parts.append(_section(title, f"{text}.", predicted_panels(predicted, limb)))
     return parts
 
 
@@ -168,7 +169,7 @@ def validation_panels(validation: Validation) -> list[Panel]:
     for name, run in (("limb", recording), ("model", validation.simulation)):
         runs.append((name, run.time, run.bend_angle, run.measured_temperature))
     reference = None if recording.reference is None else np.rad2deg(recording.reference)
-    panels = _model_panels(runs, names, reference)
+    panels = _model_panels(runs, recording.parameters, reference)
     # Draw the duty below.
     duties = []
     for name, duty, color in zip(names, recording.duty, wire_colors(len(names)), strict=True):
@@ -176,24 +177,24 @@ def validation_panels(validation: Validation) -> list[Panel]:
     return [*panels, SIGNALS["duty"].panel(duties)]
 
 
-def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Panel]:
+def predicted_panels(predicted: Predicted, limb: LimbParameters) -> list[Panel]:
     """Return panels of a recording and its open-loop simulation by the fitted law."""
     run = predicted.run
     runs = [
         ("limb", run.times, run.bend.T, run.temperature.T),
         ("law", run.times, predicted.bend.T, predicted.temperature.T),
     ]
-    return _model_panels(runs, wire_names)
+    return _model_panels(runs, limb)
 
 
 def _model_panels(
-    runs: list[Samples], wire_names: Sequence[str], reference: np.ndarray | None = None
+    runs: list[Samples], limb: LimbParameters, reference: np.ndarray | None = None
 ) -> list[Panel]:
     """Return panels of bends and readings: the limb solid, its model dashed; set points in °."""
     styles = ((ROLLOUT_COLOR, "solid", 1.0), (PLAN_COLOR, "dashed", 1.75))
     # Draw a panel for each bend.
     panels = []
-    for bend, suffix in enumerate(["_e2", "_e3"] if len(runs[0][2]) == 2 else [""]):
+    for bend, suffix in enumerate(limb.bend_suffixes):
         curves = []
         if reference is not None:
             times = runs[0][1]
@@ -203,8 +204,8 @@ def _model_panels(
         panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
     # Draw the readings of all wires in one panel.
     readings = []
-    colors = wire_colors(len(wire_names))
+    colors = wire_colors(len(limb.wires))
     for (run, time, _, wire_readings), (_, dash, width) in zip(runs, styles, strict=True):
-        for wire, color, reading in zip(wire_names, colors, wire_readings, strict=True):
+        for wire, color, reading in zip(limb.wire_names, colors, wire_readings, strict=True):
             readings.append(Curve(f"{wire}, V {run}", time, reading, color, dash, width))
     return [*panels, SIGNALS["measured_temperature"].panel(readings)]

@@ -165,7 +165,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
     """
     # A column is numeric if all cells that are not empty begin with a digit after the sign.
     numeric = []
-    for i in range(len(header)):
-        cells = [row[i] for row in rows if row[i]]
-        numeric.append(bool(cells) and all(c.lstrip("-+±−")[:1].isdigit() for c in cells))
+    for column in range(len(header)):
+        cells = [row[column] for row in rows if row[column]]
+        numeric.append(bool(cells) and all(cell.lstrip("-+±−")[:1].isdigit() for cell in cells))
     return part("table", header, rows, numeric, caption)

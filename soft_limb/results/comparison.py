@@ -13,7 +13,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import CalibrationRecord
-from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
+from limb_systems.tracking import ReferenceDistances, reference_distances
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 from planners import nearest_bend_angle
@@ -61,7 +61,7 @@ class Change:
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """The difference between a signal of a run and the signal of the first run, or of its plan.
+    """The difference between a signal of a run and the signal of the first run.
 
     - ``run``: number of the run, from 0 on.
     - ``signal``, ``unit``: name and unit, such as "bend_angle" in degrees.
@@ -100,7 +100,6 @@ class Comparison:
     - ``differences``: differences of the signals of the other runs from the first.
     - ``distances``: mean distances of each recording from the reference, by the number of the
       run; empty unless there is exactly one plan.
-    - ``tracking``: |φ* - φ| of each recording; empty unless there is exactly one plan.
     - ``curves``: signals of each run.
     """
 
@@ -108,7 +107,6 @@ class Comparison:
     changes: list[Change]
     differences: list[Difference]
     distances: dict[int, ReferenceDistances]
-    tracking: list[Difference]
     curves: list[Curves]
 
     def to_json(self) -> dict[str, Any]:
@@ -116,13 +114,15 @@ class Comparison:
         return {
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
-            "changes": [{**dataclasses.asdict(c), "relative": c.relative} for c in self.changes],
+            "changes": [
+                {**dataclasses.asdict(change), "relative": change.relative}
+                for change in self.changes
+            ],
             "differences": list(map(dataclasses.asdict, self.differences)),
             "distances": [
                 {"run": run, **distances_summary(distances).to_json()}
                 for run, distances in self.distances.items()
             ],
-            "tracking": list(map(dataclasses.asdict, self.tracking)),
         }
 
     @property
@@ -146,20 +146,15 @@ class Comparison:
                 rows.append([self.names[run], *map(_degrees, dataclasses.astuple(distances))])
             tables["mean distance from the plan's reference"] = rows
         # Statistics of the differences in each signal.
-        for title, differences, symbol in (
-            ("tracking errors of the plan's recordings", self.tracking, "|{0}* - {0}|"),
-            ("absolute differences from the first", self.differences, "|Δ{}|"),
-        ):
+        if self.differences:
             rows = [["run", "", "mean", "median", "90th percentile"]]
-            for item in differences:
+            for item in self.differences:
                 digits = 3 if item.signal == "duty" else 2
                 unit = item.unit if item.unit in ("", "°") else f" {item.unit}"
                 numbers = (item.mean, item.median, item.percentile_90)
                 cells = [f"{number:.{digits}f}{unit}" for number in numbers]
-                signal = symbol.format(SIGNALS[item.signal].symbol)
-                rows.append([self.names[item.run], signal, *cells])
-            if differences:
-                tables[title] = rows
+                rows.append([self.names[item.run], f"|Δ{SIGNALS[item.signal].symbol}|", *cells])
+            tables["absolute differences from the first"] = rows
         return tables
 
     def changes_table(self) -> list[list[str]]:
@@ -180,8 +175,8 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     """Compare plans and recordings, or calibrated limbs.
 
     Args:
-        results: two or more limbs, or two or more plans and recordings. Recordings are compared
-            with the plan as their set point, if there is exactly one plan.
+        results: two or more limbs, or two or more plans and recordings. With a plan as the first,
+            the differences are tracking errors.
 
     Raises:
         ComparisonError: with one sentence, if they are of different kinds or shapes.
@@ -205,10 +200,13 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         if len({*map(str, change.values)} - {"None"}) > 1:
             changes.append(change)
     # Compare the parameters of the limbs or robots.
-    limbs = [r.value if r.kind == LIMB else r.value.robot or r.value.parameters for r in results]
+    limbs = []
+    for result in results:
+        run = result.value
+        limbs.append(run if result.kind == LIMB else run.robot or run.parameters)
     changes += _changed(list(map(flattened, limbs)))
     if first.kind == LIMB:
-        return Comparison(results, changes, [], {}, [], [])
+        return Comparison(results, changes, [], {}, [])
     # Compare the signals of plans and recordings.
     _check_shapes(results)
     curves = _curves([result.value for result in results])
@@ -218,7 +216,7 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
             size = np.abs(values)
             numbers = [size.mean(), np.median(size), np.percentile(size, 90)]
             differences.append(Difference(run, name, SIGNALS[name].unit, *map(float, numbers)))
-    return Comparison(results, changes, differences, *_tracking(results), curves)
+    return Comparison(results, changes, differences, _distances(results), curves)
 
 
 def flattened(value: Any, unit: str = "", name: str = "") -> dict[str, tuple[Any, str]]:
@@ -350,27 +348,17 @@ def _interpolated_signals(run: Recording | Trajectory, times: np.ndarray) -> dic
     return interpolated
 
 
-def _tracking(
-    results: Sequence[ResultFile],
-) -> tuple[dict[int, ReferenceDistances], list[Difference]]:
-    """Return the distances of each recording from the reference and from the plan.
-
-    Both are empty unless there is exactly one plan.
-    """
+def _distances(results: Sequence[ResultFile]) -> dict[int, ReferenceDistances]:
+    """Return the distances of each recording from the reference; none unless there is one plan."""
     plans = [result.value for result in results if result.kind == TRAJECTORY]
-    recordings = {n: result.value for n, result in enumerate(results) if result.kind == RECORDING}
     distances: dict[int, ReferenceDistances] = {}
-    tracking: list[Difference] = []
-    if len(plans) != 1 or not recordings:
-        return distances, tracking
-    plan = plans[0]
-    # Compute the distances of each recording from the plan and its reference.
-    nearest = nearest_bend_angle(plan)
-    for number, recording in recordings.items():
-        errors = dataclasses.astuple(tracking_errors(plan, [recording]))
-        tracking.append(Difference(number, "bend_angle", "°", *np.rad2deg(errors).tolist()))
-        distances[number] = reference_distances(plan, [recording], nearest)
-    return distances, tracking
+    if len(plans) != 1:
+        return distances
+    nearest = nearest_bend_angle(plans[0])
+    for number, result in enumerate(results):
+        if result.kind == RECORDING:
+            distances[number] = reference_distances(plans[0], [result.value], nearest)
+    return distances
 
 
 def _texts(values: Sequence[Any]) -> list[str]:

@@ -139,7 +139,7 @@ def _input_names(made: Provenance | None) -> set[str]:
         words = shlex.split(made.command) if made else []
     except ValueError:  # the command was too long, and is cut off
         return set()
-    inputs = [w for option, w in itertools.pairwise(words) if option not in _OUTPUT_OPTIONS]
+    inputs = [word for option, word in itertools.pairwise(words) if option not in _OUTPUT_OPTIONS]
     return {PurePath(word).name for word in inputs} - {""}
 
 

@@ -140,8 +140,9 @@ def _limb(path: Path, _text: str, _quick: bool) -> Read:
     # List segments and wires.
     limb = LimbParameters.load(path)
     wires = zip(limb.wire_names, limb.wires, strict=True)
+    num_links = sum(segment.links for segment in limb.segments)
     entries = [
-        Entry("segments", f"{len(limb.segments)}, {sum(s.links for s in limb.segments)} links"),
+        Entry("segments", f"{len(limb.segments)}, {num_links} links"),
         Entry("wires", ", ".join(f"{name} {type(wire.law).__name__}" for name, wire in wires)),
         identity_entry(limb),
     ]

@@ -222,6 +222,9 @@ def test_a_twin_is_never_hotter_than_its_limit(described):
     assert recording.measured_temperature.max() < 100.0
 
 
+PROTOCOL = "calibration.collecting.measurement_protocol"
+
+
 class Robot(Limb):
     """The model in place of a robot, which a context manager closes."""
 
@@ -251,33 +254,31 @@ def short_excitations(monkeypatch):
             dataclasses.replace(motion, pause=5.0, duty=motion.duty.slice(0, 3)),
         ]
 
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.excitations", few)
     for name, value in (
-        ("SAMPLE_RATE", 10.0),
-        ("WARM_UP_TIME", 12.0),
-        ("WARM_UP_END", 18.0),
-        ("CONTACT_TIME", 8.0),
-        ("CONTACT_END", 30.0),
+        (f"{PROTOCOL}.excitations", few),
+        (f"{PROTOCOL}.NUM_SAG_TRIALS", 1),
+        (f"{PROTOCOL}.NUM_RING_DOWNS", 1),
+        (f"{PROTOCOL}._wait_with_progress", lambda pause, _: None),
+        (f"{PROTOCOL}.Knowledge.LAW", LinearLaw),
+        ("calibration.collecting.collect.SAMPLE_RATE", 10.0),
+        ("calibration.collecting.collect.WARM_UP_TIME", 12.0),
+        ("calibration.collecting.collect.WARM_UP_END", 18.0),
+        ("calibration.collecting.collect.CONTACT_TIME", 8.0),
+        ("calibration.collecting.collect.CONTACT_END", 30.0),
     ):
-        monkeypatch.setattr(f"calibration.collecting.collect.{name}", value)
+        monkeypatch.setattr(name, value)
     return monkeypatch
 
 
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
-    short_excitations, tmp_path, monkeypatch
+    short_excitations, tmp_path, described
 ):
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_RING_DOWNS", 1)
     waited, asked, told = [], [], []
-    limb, described = LimbParameters(), LimbParameters()
-    for each in (limb, described):  # of two links, which are simulated fast
-        each.segments[0].links, each.segments[0].stiffness = 2, 0.0623
+    limb = copy.deepcopy(described)
     limb.wires[1].law.a2 = 22.0
-    monkeypatch.setattr(
-        "calibration.collecting.measurement_protocol._wait_with_progress",
-        lambda pause, _: waited.append(pause),
+    short_excitations.setattr(
+        f"{PROTOCOL}._wait_with_progress", lambda pause, _: waited.append(pause)
     )
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.Knowledge.LAW", LinearLaw)
 
     def collect():
         asked.clear()
@@ -307,11 +308,9 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     assert estimates["right.a2"].value == pytest.approx(22.0, rel=0.03)
 
 
-def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_path):
+def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_path, described):
     """With the model in place of a robot, which a context manager closes alike."""
-    protocol = "calibration.collecting.measurement_protocol"
-    short_excitations.setattr(f"{protocol}.NUM_SAG_TRIALS", 2)
-    short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 1)
+    short_excitations.setattr(f"{PROTOCOL}.NUM_SAG_TRIALS", 2)
     in_use, asked = [], []
 
     class Closing(Limb):
@@ -328,12 +327,9 @@ def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_p
         assert not in_use  # nobody gets a hand on a limb that may be heated
         asked.append(what.split(":")[0])
 
-    limb = LimbParameters()
-    limb.segments[0].links, limb.segments[0].stiffness = 2, 0.0623  # which is simulated fast
-
     def collect():
         options = {"num_angles": 1, "longest": 10.0, "protocol": "paper"}
-        collect_from_robot(Closing, limb, tmp_path, ask, **options)
+        collect_from_robot(Closing, described, tmp_path, ask, **options)
 
     def stop(_, done, remark=""):
         if asked[-1] == "ring_down_1" and done >= 3.0:
@@ -375,22 +371,22 @@ def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_p
     assert len(asked) == 9
 
 
-def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitations, tmp_path):
+def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(
+    short_excitations, tmp_path, described
+):
     """Nor is it ever told more than it needs: any wire, and little duty."""
-    protocol = "calibration.collecting.measurement_protocol"
-    short_excitations.setattr(f"{protocol}.NUM_SAG_TRIALS", 0)
-    short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 0)
+    short_excitations.setattr(f"{PROTOCOL}.NUM_SAG_TRIALS", 0)
+    short_excitations.setattr(f"{PROTOCOL}.NUM_RING_DOWNS", 0)
+    limb = copy.deepcopy(described)
+    limb.wires[0].law.a2 = 1.0
     connected = []
 
     def connect(known):
         connected.append(known)
-        limb = LimbParameters()
-        limb.segments[0].links = 2
-        limb.wires[0].law.a2 = 1.0
         return Robot(limb)
 
     with pytest.raises(CalibrationError, match=r"left wire was heated, .*first_contact\.csv and"):
-        collect_from_robot(connect, LimbParameters(), tmp_path, lambda what: None)
+        collect_from_robot(connect, described, tmp_path, lambda what: None)
     (known,) = connected
     assert known.total_duty == 0.3
     assert known.heat_bounds[0].most_heating == 65.0
@@ -398,16 +394,9 @@ def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitat
 
 def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitations, tmp_path):
     """The weight is hung to it, it is turned, and the weight is taken off for the motion."""
-    protocol, whole = "calibration.collecting.measurement_protocol", mountings
-    short_excitations.setattr(f"{protocol}.NUM_RING_DOWNS", 0)
-    short_excitations.setattr(f"{protocol}._wait_with_progress", lambda pause, _: None)
-    short_excitations.setattr(f"{protocol}.Knowledge.LAW", LinearLaw)
-    short_excitations.setattr(
-        f"{protocol}.mountings",
-        lambda num_wires: [
-            dataclasses.replace(e, duty=e.duty.slice(0, 2)) for e in whole(num_wires)[:2]
-        ],
-    )
+    short = [dataclasses.replace(e, duty=e.duty.slice(0, 2)) for e in mountings(3)[:2]]
+    short_excitations.setattr(f"{PROTOCOL}.mountings", lambda num_wires: short)
+    short_excitations.setattr(f"{PROTOCOL}.NUM_RING_DOWNS", 0)
     limb, asked, connected = LimbParameters.in_space(), {}, []
     limb.segments[0].links = 2
 
@@ -436,9 +425,8 @@ def test_a_limb_in_space_is_mounted_by_hand_for_each_excitation(short_excitation
 
 def test_a_short_limb_sags_under_a_weight_to_both_sides(tmp_path, monkeypatch):
     """The operator is told the weight, the recordings say it, and together they tell k."""
-    protocol = "calibration.collecting.measurement_protocol"
-    monkeypatch.setattr(f"{protocol}.NUM_SAG_TRIALS", 2)
-    monkeypatch.setattr(f"{protocol}.NUM_RING_DOWNS", 1)
+    monkeypatch.setattr(f"{PROTOCOL}.NUM_SAG_TRIALS", 2)
+    monkeypatch.setattr(f"{PROTOCOL}.NUM_RING_DOWNS", 1)
     segment = SegmentParameters(links=2, length=0.06, mass=0.015, stiffness=0.104)
     segment.bend_sensor = ChordSensor()  # what the model shows
     limb, asked = LimbParameters(segments=[segment]), []
@@ -485,11 +473,11 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     assert "but there is no terminal; run it in a terminal" in capsys.readouterr().err
 
 
-def test_command_collects_three_wires_from_a_robot_as_four_kinds(short_excitations, tmp_path):
+def test_command_collects_three_wires_from_a_robot_as_four_kinds(
+    short_excitations, tmp_path, described
+):
     """With the model in place of the robot. Two of the wires are on one side."""
     monkeypatch = short_excitations
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.measurement_protocol.NUM_RING_DOWNS", 1)
     ports, asked = [], []
 
     def connect(port, parameters, board=None):
@@ -501,8 +489,8 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(short_excitatio
     monkeypatch.setattr("builtins.input", asked.append)
     shorter = functools.partial(collect_from_robot, longest=10.0)
     monkeypatch.setattr("soft_limb.commands.calibration.collect_from_robot", shorter)
-    limb = LimbParameters(ambient_temperature=21.5)
-    limb.segments[0].links = 2  # which are simulated fast
+    limb = described
+    limb.ambient_temperature = 21.5
     limb.segments[0].wires = [
         WireParameters("low", -0.0034),
         WireParameters("near", 0.0034, 0.003),

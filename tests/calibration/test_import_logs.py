@@ -310,7 +310,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         ("full: 1.0", "full: 0.1", "'duty' reaches 0.5, beyond full duty.*correct its full"),
         ("scale: 1.0", "scale: 1000.0", r"bend would be up to .*correct bend\.scale"),
         ("unit: C", "unit: K", "'temp_c' is beyond -60 to 600 °C .* correct its unit"),
-        ("temperature: temp_c", "temperature: duty", "'duty' is given for duty of the right wire"),
+        ("temperature: temp_c", "temperature: duty", "'duty' is given for two signals"),
         ("sign: 1.0", "sign: 0.5", r"wires\[0\]\.sign is '0\.5'; it must be one of 1\.0, -1\.0"),
     ):
         assert right in text
@@ -318,7 +318,7 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         with pytest.raises(LimbError, match=said):
             Recording.from_log(path, tmp_path / "m.yaml")
     mapping.wires.append(dataclasses.replace(mapping.wires[0], name="left", temperature=""))
-    with pytest.raises(LimbError, match="'duty' is given for duty of the right wire and for duty"):
+    with pytest.raises(LimbError, match="'duty' is given for two signals"):
         dataclasses.replace(mapping)
 
 
@@ -369,6 +369,14 @@ def cases(truth):
     return {
         "coil": ("time_s pwm_coil_R pwm_coil_L T_R_C T_L_C angle_deg", crossed),
         "control": ("time_s control_left control_right T1 T2 angle_deg", base),
+        "controlled things": (
+            "time_s wire_left wire_right T1 T2 angle_deg",
+            [base[0], counts[0] + np.arange(len(truth.time)) % 2, *base[2:]],
+        ),
+        "warmed by the other wire": (
+            "time_s pwm_left T_right_C bend_deg",
+            [*base[:2], 0.5 * (22.0 + temperatures[0]), degrees],
+        ),
         "things": ("time_s wire_left wire_right T1 T2 angle_deg", base),
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
@@ -418,6 +426,7 @@ def cases(truth):
         "tip": with_(5, "tip", 0.01 * degrees),
         "current": with_(2, "Current", 2.0 * counts[1]),
         "milliseconds": with_(0, "time_s", 1000.0 * truth.time),
+        "named °C": (names, [*base[:3], *(1.8 * temperatures + 32), base[5]]),
         "named °F": with_(3, "temp_left_f", temperatures[0]),
     }
 
@@ -447,6 +456,8 @@ def cases(truth):
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
+        ("warmed by the other wire", "T_right_C is a temperature of no wire"),
+        ("controlled things", r"^which of wire_left and wire_right .* Names do not tell$"),
         ("mixed units", "unit of T_left: C, F or K"),
         ("named rad", "degrees is a unit of bend_deg"),
         ("frames", "the frames in frame"),
@@ -459,6 +470,7 @@ def cases(truth):
         ("current", "Current is a current, but may be the heat of a wire"),
         ("milliseconds", "unit of time_s. Its rows are too far apart"),
         ("named °F", "unit of temp_left_f: C, F or K"),
+        ("named °C", "unit of T_left_C: C, F or K.*unit of T_right_C"),
     ],
 )  # fmt: skip
 def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases, case, asked):
@@ -480,8 +492,6 @@ def test_forms_of_practitioners_are_right_or_asked_about(tmp_path, truth, cases,
         ),
         ("inverted", {"full": "255", "inverted": "true", "bend.scale": "1"}),
         ("swapped", {"wires[0].temperature": "T_right_C", "wires[1].temperature": "T_left_C"}),
-        ("frames", {"rate": f"{RATE:g}"}),
-        ("named rad", {"bend.scale": "57.29578"}),
     ],
 )
 def test_an_answered_mapping_is_read(tmp_path, truth, cases, case, answers, capsys):
@@ -622,6 +632,23 @@ def test_questions_are_answered_at_a_terminal(tmp_path, cases, capsys, monkeypat
     assert "rate (Enter: leave it open): " in capsys.readouterr().out
     mapping = tmp_path / "out" / "log.mapping.yaml"
     assert LogMapping.load(mapping).rate == RATE
+
+
+def test_a_heated_log_answers_for_a_log_without_heat(tmp_path, truth, cases):
+    names, columns = cases["control"]
+    heated = write(tmp_path / "heated.csv", names.split(), columns)
+    still = [truth.time, 0 * truth.duty[0], 0 * truth.duty[1], *(22 + 0 * truth.duty), columns[5]]
+    swing = write(tmp_path / "swing.csv", names.split(), still)
+    assert "T1 and T2" in import_logs([swing])[0].limb.questions[0].text
+    logs = import_logs([heated, swing])
+    assert [wire.temperature for wire in logs[1].limb.mapping.wires] == ["T1", "T2"]
+    assert logs[1].recordings
+    # A question about names that contradict numbers stays.
+    names, columns = cases["swapped"]
+    crossed = write(tmp_path / "crossed.csv", names.split(), columns)
+    right = [*columns[:3], columns[4], columns[3], columns[5]]
+    good = write(tmp_path / "good.csv", names.split(), right)
+    assert [bool(log.recordings) for log in import_logs([crossed, good])] == [False, True]
 
 
 def test_words_of_a_lab(tmp_path, cases):

@@ -219,7 +219,11 @@ def test_feedback_between_plans_heats_no_wire_beyond_a_horizon(short_plan):
     controller = RecedingHorizon(short_plan)
     parameters, estimator = short_plan.parameters, controller._estimator
     heat = estimator.model.heated(np.array([25.0, 89.0]))
-    straight = estimator.begin_loaded(heat, np.zeros(1))
+    straight = dataclasses.replace(
+        estimator.begin(heat[-2:], np.zeros(1)),
+        heat=heat,
+        lasting=-estimator.model.bend_angle(heat),
+    )
     limits = [controller._temperature_limit(0.0, straight), None]
     caps = [controller._limiter.caps(straight, limit)[1] for limit in limits]
     assert limits[0] == pytest.approx(parameters.temperature_limits.maximum - 10.0)

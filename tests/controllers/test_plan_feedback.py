@@ -148,7 +148,8 @@ def test_feedback_holds_the_bend_that_the_coming_duty_makes_and_gives_up_common_
     limb = short_plan.parameters
     feedback, model = PlanFeedback(short_plan), ReducedModel(limb)
     heat, pushed = model.heated(np.array([40.0, 70.0])), np.deg2rad(-3.0)
-    estimate = feedback._estimator.begin_loaded(heat, model.bend_angle(heat) + pushed)
+    at_rest = feedback._estimator.begin(heat[-2:], np.zeros(1))
+    estimate = dataclasses.replace(at_rest, heat=heat, lasting=np.array([pushed]))
     base, rate = feedback._desired_duty(0.0, estimate, np.ones(2), None)
     start = np.concatenate([model.joint_angles(heat), np.zeros(2), heat])
     later = simulate(Limb(limb), short_plan, 0.5, initial_state=start).bend_angle[:, -1] + pushed

@@ -18,11 +18,11 @@ from limb_systems import (
     Trajectory,
     simulate,
 )
-from limb_systems.kinematics import link_positions
 from planners import plan, references
 
 from ..hardware.conftest import VirtualBoard
 from ..hardware.virtual_time import VirtualTime
+from ..limb_systems.plant_links import link_positions
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

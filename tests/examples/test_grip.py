@@ -8,7 +8,8 @@ from grip import grip
 from scipy.optimize import minimize
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.kinematics import link_positions
+
+from ..limb_systems.plant_links import link_positions
 
 CENTER, RADIUS = np.array([0.085, 0.035]), 0.02
 

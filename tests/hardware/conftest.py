@@ -3,6 +3,7 @@
 The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
 """
 
+import dataclasses
 import json
 import random
 import re
@@ -22,7 +23,7 @@ from hardware.firmware import protocol
 from hardware.firmware.firmware import Firmware
 from limb_systems import LimbParameters, SegmentParameters
 
-from .c_firmware import COMPILER, compile_core
+from .c_firmware import COMPILER, compile_core, make_both
 from .virtual_time import VirtualCable, VirtualTime
 
 BOUNDS = LimbParameters().heat_bounds
@@ -48,6 +49,14 @@ def small_limb() -> LimbParameters:
 def small_twin(seed=0, **options) -> LimbTwin:
     """Return an emulated limb like `small_limb`."""
     return LimbTwin(small_limb(), seed=seed, **options)
+
+
+def beginning(trajectory, num_knots):
+    """Return the first knots of a trajectory."""
+    signals = ("time", "reference", "duty", "joint_state", "wire_temperature")
+    signals = {name: getattr(trajectory, name) for name in (*signals, "measured_temperature")}
+    parts = {name: signal[..., :num_knots] for name, signal in signals.items()}
+    return dataclasses.replace(trajectory, **parts)
 
 
 @pytest.fixture(autouse=True)
@@ -257,12 +266,15 @@ def core(tmp_path_factory):
     return compile_core(tmp_path_factory.mktemp("core"))
 
 
-@pytest.fixture(params=["python", "c"])
-def program(request, monkeypatch):
-    """Each firmware, which emulated boards run, too."""
-    found = Firmware if request.param == "python" else request.getfixturevalue("core")
-    monkeypatch.setattr("hardware.emulation.emulator.Firmware", found)
-    return found
+@pytest.fixture(scope="session")
+def both_firmwares(tmp_path_factory):
+    """The firmware in Python and the core in C, which must do the same, byte for byte.
+
+    The core has double precision, as Python has it. Without a C compiler it is left out.
+    """
+    if not COMPILER:
+        return Firmware
+    return make_both(compile_core(tmp_path_factory.mktemp("both"), "double"))
 
 
 @pytest.fixture

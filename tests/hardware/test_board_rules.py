@@ -144,8 +144,12 @@ def outcomes_of(program, rules=RULES, limb=None, by_hand=True):
         return check_board(cable, ask=cable.ask if by_hand else None, rules=rules, limb=limb)
 
 
-def test_each_firmware_keeps_all_rules(program):
-    assert broken(outcomes_of(program)) == []
+def test_the_firmware_in_python_keeps_all_rules_and_the_core_does_the_same(both_firmwares):
+    assert broken(outcomes_of(both_firmwares)) == []
+
+
+def test_the_core_keeps_all_rules_in_single_precision(core):
+    assert broken(outcomes_of(core)) == []
 
 
 def test_what_needs_a_hand_is_not_run_without_one():

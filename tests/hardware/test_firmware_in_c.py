@@ -8,19 +8,16 @@ import pytest
 
 from hardware.firmware import firmware, from_host, guard, heat, protocol
 
-from .c_firmware import COMPILER, compile_core, make_both
+from .c_firmware import COMPILER
 from .firmware_checks import PaperBoard
-from .test_board_rules import broken, outcomes_of
 
 
 @pytest.mark.skipif(not COMPILER, reason="there is no C compiler here")
-def test_the_core_does_what_the_firmware_in_python_does(tmp_path):
-    """Byte for byte and call for call, in double precision, as Python has it."""
-    both = make_both(compile_core(tmp_path, "double"))
-    assert broken(outcomes_of(both)) == []
+def test_the_core_does_what_the_firmware_in_python_does_where_things_go_wrong(both_firmwares):
+    """Byte for byte and call for call; test_board_rules.py has the rules of a board."""
     rng, heated, reasons = random.Random(0), 0, set()
     for _ in range(18):
-        episode = Episode(rng, both)
+        episode = Episode(rng, both_firmwares)
         for _ in range(400):
             episode.pass_once()
             heated += episode.duty != [0.0, 0.0]

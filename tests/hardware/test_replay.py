@@ -20,6 +20,8 @@ from limb_systems import (
 from limb_systems.tracking import reference_distances, tracking_errors
 from soft_limb.command import main
 
+from .conftest import beginning
+
 
 def shifted(trajectory, degrees):
     """A recording that is off the plan by the given angles, sample by sample."""
@@ -146,14 +148,6 @@ def test_a_replay_ends_at_the_board_s_limit(fig5_plan, tmp_path, capsys):
     assert main(arguments) == 1
     assert f"interrupted {recording.interrupted}\n" in capsys.readouterr().out
     assert Recording.load(output).interrupted == recording.interrupted
-
-
-def beginning(trajectory, num_knots):
-    """The first knots of a trajectory."""
-    signals = ("time", "reference", "duty", "joint_state", "wire_temperature")
-    signals = {name: getattr(trajectory, name) for name in (*signals, "measured_temperature")}
-    parts = {name: signal[..., :num_knots] for name, signal in signals.items()}
-    return dataclasses.replace(trajectory, **parts)
 
 
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):

@@ -29,7 +29,7 @@ from .conftest import small_twin
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
     for wire in range(4):
         duty = 0.3 * np.eye(4)[wire]
-        recording = simulate(LimbTwin(two_segments, seed=4), duty, 12.0)
+        recording = simulate(LimbTwin(two_segments, seed=4), duty, 8.0)
         rise = recording.measured_temperature[:, -1] - recording.measured_temperature[:, 0]
         assert np.argmax(rise) == wire
         assert rise[wire] > 20.0

@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 import msgpack
 import numpy as np
+from plant_links import link_positions
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
 from limb_systems import LimbModel, LimbParameters, PlanCheck, Recording, Trajectory
-from limb_systems.kinematics import link_positions
 
 LIMB = "/drake/visualizer/limb"
 

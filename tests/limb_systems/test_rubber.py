@@ -133,7 +133,7 @@ def simulated_states(limb: LimbParameters, duty, duration: float, start=None) ->
 
 
 def test_a_cold_limb_rests_on_the_side_of_the_wire_that_was_hot_last():
-    limb = limb_with(links=2, rest_memory=RestMemory(0.03, 2.0), rest_angle=0.1)
+    limb = limb_with(links=2, stiffness=K / 2, rest_memory=RestMemory(0.03, 2.0), rest_angle=0.1)
     for wire in limb.wires:
         wire.law = LinearLaw(a1=-1.0, a2=150.0)  # which cools soon
     state, rests = None, []

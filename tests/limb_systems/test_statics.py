@@ -171,6 +171,16 @@ def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
     np.testing.assert_allclose(held.values(states).T, bend_angle(held_limb, angles.T), atol=1e-14)
 
 
+def test_bends_of_equal_angles_follow_from_the_mean_angle_by_eqn_11():
+    """Segments of three and two links, whose angles are not equal under gravity."""
+    limb = HELD_LIMBS["planar"]
+    statics = LimbModel.of(limb).mean_angle_statics
+    states = states_of(limb)
+    first, second = np.split(statics.angles(states), [3], axis=1)
+    expected = [4 / 2 * first.mean(axis=1), 3 / 2 * second.mean(axis=1)]
+    np.testing.assert_allclose(statics.values(states).T, expected, rtol=1e-12)
+
+
 def test_points_without_an_equilibrium_are_named(refused):
     held = LimbModel.of(HELD_LIMBS["planar"]).statics
     states = np.array([[30.0] * 4, [30.0, 1e6, 30.0, 30.0], [40.0] * 4])

@@ -49,7 +49,7 @@ def test_json_agrees_with_the_file(quick, tmp_path, capsys):
     simulate(Limb(), [0.0, 0.05], 4.0).save(tmp_path / "taught.csv")
     output = tmp_path / "plan.csv"
     words = ["plan", str(tmp_path / "taught.csv"), *quick[2:], "-o", str(output), "--json"]
-    assert main([*words, "--closed-loop"]) == 0
+    assert main([*words, "--task", "closed-loop"]) == 0
     said = json.loads(capsys.readouterr().out)
     trajectory = Trajectory.load(output)
     check = trajectory.check

@@ -6,6 +6,7 @@ import html
 import numpy as np
 import pytest
 
+from calibration import validate
 from limb_systems import (
     Limb,
     LimbParameters,
@@ -15,6 +16,7 @@ from limb_systems import (
     simulate,
 )
 from soft_limb.reports import page
+from soft_limb.reports.calibration_report import validation_panels
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.runs.rollout import Rollout
 
@@ -87,3 +89,10 @@ def test_a_page_holds_its_parts_as_text():
         "<figcaption>measured &amp; counted</figcaption>",
     ):
         assert text in made, text
+
+
+def test_validation_draws_the_bend_of_each_segment():
+    limb = LimbParameters(segments=[SegmentParameters(links=2) for _ in range(3)])
+    recording = simulate(Limb(limb), [0.0, 0.2] * 3, 1.0)
+    labels = [panel.label for panel in validation_panels(validate(limb, recording))]
+    assert labels[:3] == [f"bend angle of segment {number} (°)" for number in (1, 2, 3)]

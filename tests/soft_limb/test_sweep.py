@@ -42,6 +42,8 @@ def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
     assert [row["segments.0.stiffness"] for row in (only, second)] == ["0.11", "0.12"]
     assert second["reference_deg"] != only["reference_deg"]
     assert sweep(*vary) == 1  # which does not replace the table
+    assert sweep(*vary, "--vary", "segments.0.stiffness=0.2", "--force") == 1
+    assert "--vary has a field twice" in capsys.readouterr().err
     limb = LimbParameters.load("limb.yaml")
     limb.segments[0].stiffness = 0.11
     trajectory = plan(limb, references.load("mine.csv"))

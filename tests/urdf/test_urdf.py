@@ -14,8 +14,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 import urdf
 from limb_systems import LimbParameters, SegmentParameters, WireParameters, add_limb
-from limb_systems.kinematics import link_positions
 from urdf import limb_sdf, limb_urdf
+
+from ..limb_systems.plant_links import link_positions
 
 FOLDER = Path(urdf.__file__).parent
 

@@ -79,7 +79,7 @@ def test_bends_near_the_plan_are_left_and_wires_held_to_its_heat(gait):
 
     def desired(error, warmer=0.0):
         heat = plan.heat[k] + warmer * (np.arange(len(plan.heat[k])) < 4)
-        there = dataclasses.replace(rested, heat=heat, lasting=feedback._planned_offset[k])
+        there = dataclasses.replace(rested, heat=heat)
         predicted = feedback._predicted_error(time, there, state)
         there = dataclasses.replace(there, lasting=there.lasting + predicted - error)
         return feedback._desired_duty(time, there, np.ones(4), state)
@@ -91,6 +91,26 @@ def test_bends_near_the_plan_are_left_and_wires_held_to_its_heat(gait):
         assert duty == pytest.approx(plan.duty[k], abs=1e-6)
     duty, _ = desired(np.zeros(2), warmer=4.0)
     assert duty == pytest.approx(plan.duty[k] - 4.0 / rates)
+
+
+def test_bends_that_the_ground_makes_in_the_gait_are_no_error(gait):
+    """They change by degrees in half a second, which no filter could follow."""
+    feedback = GaitFeedback(gait, 1)
+    state = feedback.CreateDefaultContext().get_discrete_state()
+    plan = feedback._plan
+    first = round(feedback._begin / PERIOD)
+    estimate = feedback._estimator.begin(plan.heat[first, -4:], np.zeros(2))
+    estimate = dataclasses.replace(estimate, heat=plan.heat[first])
+    changes = []
+    for k in range(first, first + round(0.8 * gait.period / PERIOD)):
+        bend = plan.bend_angle[k - 1]  # at the beginning of this period
+        known_offset = feedback._known_offset(PERIOD * k)
+        estimate = feedback._estimator.correct(estimate, plan.heat[k, -4:], bend, known_offset)
+        error = feedback._predicted_error(PERIOD * k, estimate, state)
+        assert np.rad2deg(np.abs(error)).max() < 1.0  # beyond which errors are corrected
+        changes.append(known_offset)
+        estimate = feedback._estimator.predict(estimate, plan.duty[k])
+    assert np.rad2deg(np.ptp(changes, axis=0)).min() > 2.0
 
 
 def test_the_ground_bends_limbs_as_in_the_gait_whatever_else_is_known_of_them(crawl):

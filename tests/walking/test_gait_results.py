@@ -94,7 +94,10 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     assert "Not to be used: its constraints are violated" in gait_verdict(gait)
 
 
-def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(gait_in_space, tmp_path, capsys):
+def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(
+    gait_in_space, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("walking.commands.gait_report.replay_page", lambda _: "")
     gait = quickened(gait_in_space, 4.0)
     gait_report(gait, tmp_path / "gait.html")
     page = html.unescape((tmp_path / "gait.html").read_text(encoding="utf-8"))
