@@ -100,9 +100,7 @@ def test_description_keeps_what_is_not_calibrated(model_recordings, described):
     remarks = list(map(str, calibration.remarks))
     assert "Of 2 recordings of the kind right only one was used." in remarks
     assert sum("There is no usable recording" in remark for remark in remarks) == 3
-    assert calibration.verdict == (
-        "Use with care: it is not validated; mechanics is as described."
-    )
+    assert calibration.verdict == ("Use with care: it is not validated; mechanics is as described.")
     assert described == before
 
 

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
+from limb_systems import (
+    CalibrationRecord,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    simulate,
+)
 from limb_systems.simulation import make_simulator
 from walking import BodyParameters, Robot, RobotParameters
 
@@ -172,6 +179,16 @@ def test_descriptions_that_no_robot_has_are_refused(refused):
         change(robot)
         with refused(LimbError, *words):
             robot.validate()
+
+
+def test_a_calibrated_robot_of_four_limbs_is_written_and_read():
+    robot = RobotParameters.in_space(4)
+    size = 66  # parameters of three wires with memory that warm each other
+    numbers = np.random.default_rng(0).standard_normal((size, size)).tolist()
+    for limb in robot.limbs:
+        names = [f"wire_1.a{index}" for index in range(size)]
+        limb.parameters.calibration = CalibrationRecord(names, numbers[0], numbers[1], numbers)
+    assert RobotParameters.from_yaml(robot.to_yaml()) == robot
 
 
 def test_robot_and_recording_files_round_trip(tmp_path):
