@@ -254,7 +254,7 @@ def calibrate(
     laws: Sequence[type[WireLaw]] = LAWS,
     counted_limit: float | None = None,
     as_described: bool = False,
-    announce: Callable[[str], object] = lambda said: None,
+    announce: Callable[[str], object] = lambda text: None,
 ) -> Calibration:
     """Calibrate a limb from its recordings.
 
