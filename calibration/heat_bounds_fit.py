@@ -43,8 +43,8 @@ def fit_heat_bounds(
         bounds; those described for a wire that was not heated.
     """
     wires = _wires(recordings, described)
-    hottest = max((wire.rates.heating for wire in wires if wire.rates), default=0.0)
-    return [_fit_wire(wire, hottest, margin) for wire in wires]
+    max_heating = max((wire.rates.heating for wire in wires if wire.rates), default=0.0)
+    return [_fit_wire(wire, max_heating, margin) for wire in wires]
 
 
 def check_first_contact(recording: Recording, described: LimbParameters, path: Path) -> None:
@@ -145,13 +145,13 @@ def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]
     return wires
 
 
-def _fit_wire(wire: _Wire, hottest: float, margin: float) -> HeatBounds:
-    """Return the bounds of a wire; ``hottest`` is the largest heating of all wires, °C/s."""
+def _fit_wire(wire: _Wire, max_heating: float, margin: float) -> HeatBounds:
+    """Return the bounds of a wire; ``max_heating`` is the largest heating of all wires, °C/s."""
     kind = wire.kind
     rates = wire.rates
     if rates is None:
         return kind
-    bounds = rates.bounds(kind, hottest, margin)
+    bounds = rates.bounds(kind, max_heating, margin)
     # The least heating is low enough for all readings.
     share = rates.heating / kind.least_heating
     for course in wire.courses:

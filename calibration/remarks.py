@@ -106,11 +106,13 @@ def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
 
 
 def remarks_on_start(name: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:
-    """Return a remark if a fit has a recording start far below the room, or far above all readings.
+    """Return a remark if a fitted initial temperature is implausible.
+
+    It is implausible if it is far below T0 and all readings, or far above all of them.
 
     Args:
-        name: the part that starts at this temperature, in words.
-        value: fitted temperature at the start, °C.
+        name: the part of the limb that starts at this temperature, in words.
+        value: fitted initial temperature, °C.
         room: T0, °C.
         readings: V in the recording, °C; nan where missing.
     """

@@ -77,61 +77,69 @@ class Validation:
 
 
 def validate(parameters: LimbParameters, recording: Recording) -> Validation:
-    """Simulate the duty of a recording, open loop, and compare both.
+    """Simulate the duty of a recording, open loop, and compare the simulation with the recording.
 
-    The model starts at rest with its wires at the first measured temperatures. Where these are
-    warm, the silicone is as warm as fits the first readings best.
-    An interrupted recording counts as far as it came, and samples that are missing do not.
-    Its times may be any, such as times of a clock that drifts.
+    The model starts at rest with its wires at the first measured temperatures. If wires are warm at
+    the start, the temperature of their silicone is fitted to the readings of the first seconds. An
+    interrupted recording is compared up to its end, and samples without readings are left out. The
+    times of the recording need not be even.
+
+    Args:
+        parameters: description of the limb, with the parameters to validate.
+        recording: the recording to compare with.
 
     Raises:
         LimbError: if a value of the recording is not plausible.
     """
     recording.check_plausible()
-    # Apply the recorded duty to the model, from its first readings.
+    # Prepare the duty and the start of the simulation.
     times = recording.time - recording.time[0]
     # The duty at a sample was in force since the sample before.
     duty_in_force = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, duty_in_force)
-    first = np.nan_to_num(first_readings(recording), nan=parameters.ambient_temperature)
+    first = first_readings(recording)
+    initial_readings = np.nan_to_num(first, nan=parameters.ambient_temperature)  # V (W,), °C
     angles = LimbModel.of(parameters).mechanics.rest_angles
 
-    def run(wires: np.ndarray, duration: float) -> Recording:
-        state = np.concatenate([angles, np.zeros_like(angles), wires, first])
+    def simulate_from(wire_states: np.ndarray, duration: float) -> Recording:
+        """Simulate the duty for a duration, s, from states of the wires and their silicone."""
+        at_rest = np.zeros_like(angles)
+        state = np.concatenate([angles, at_rest, wire_states, initial_readings])
         rate = recording.sample_rate
         return simulate(Limb(parameters), duty, duration, sample_rate=rate, initial_state=state)
 
-    def start_error(wires: np.ndarray) -> float:
+    def start_error(wire_states: np.ndarray) -> float:
         """Return the mean error of V in the first seconds, °C."""
-        simulation = run(wires, min(WARM_START_TIME, times[-1]))
+        simulation = simulate_from(wire_states, min(WARM_START_TIME, times[-1]))
         is_early = times <= simulation.time[-1]
         measured = recording.measured_temperature[:, is_early]
         readings = simulation.interpolated(simulation.measured_temperature, times[is_early])
         return float(np.nanmean(np.abs(readings - measured)))
 
-    # Search how warm the silicone is at the start.
-    cold, wires = _warm_starts(parameters, recording, first)
-    if (cold != wires).any():
+    # Find the temperature of the silicone at the start, from cold to as warm as its wires.
+    cold, warm = _warm_starts(parameters, recording, initial_readings)
+    wire_states = warm
+    if (cold != warm).any():
         search = minimize_scalar(
-            lambda share: start_error(cold + share * (wires - cold)),
+            lambda share: start_error(cold + share * (warm - cold)),
             bounds=(0.0, 1.0),
             method="bounded",
             options={"xatol": WARMTH_TOLERANCE},
         )
-        wires = cold + search.x * (wires - cold)
-    # Simulate all of it, as the limb's own sensor shows it.
-    simulation = run(wires, times[-1])
-    assert simulation.joint_state is not None  # a model's
+        wire_states = cold + search.x * (warm - cold)
+    # Simulate the whole recording, and read the bend as the limb's own sensor does.
+    simulation = simulate_from(wire_states, times[-1])
+    assert simulation.joint_state is not None  # simulations of a model have it
     mechanics = LimbModel.of(parameters).mechanics
-    seen_bends = []
+    apparent_bends = []
     for segment, (chain, joints) in enumerate(mechanics.chains_with_joints):
         sensor = bend_sensor_of(recording, segment)
-        seen_bends.append(sensor.apparent_bends(chain, simulation.joint_state[joints]))
+        apparent_bends.append(sensor.apparent_bends(chain, simulation.joint_state[joints]))
     simulated = Recording(
         time=recording.time,
         duty=recording.duty,
         measured_temperature=simulation.interpolated(simulation.measured_temperature, times),
-        bend_angle=simulation.interpolated(np.concatenate(seen_bends), times),
+        bend_angle=simulation.interpolated(np.concatenate(apparent_bends), times),
         parameters=parameters,
         source="model",
         sample_rate=recording.sample_rate,

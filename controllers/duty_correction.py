@@ -187,19 +187,25 @@ class DutyCorrection:
     def improve(
         self, correction: np.ndarray, start: np.ndarray, errors: Residuals, cooler: float = 0.0
     ) -> np.ndarray:
-        """Return a correction (M + 1, W) of less cost, or the given correction if there is none.
+        """Return a correction of the duty with a lower cost, or the given one if there is none.
 
         Args:
-            start: heat at the start (H,).
+            correction: duty to add at the nodes (M + 1, W).
+            start: state of the wires at the start (H,).
             errors: residuals of the model.
             cooler: margin of temperature below the bounds, °C.
         """
 
-        def cost_of(tried: np.ndarray) -> float:
-            return self._cost(tried, self._predict(tried, start, errors), errors, cooler)
+        def cost_of(candidate: np.ndarray) -> float:
+            """Return the cost of a correction, by the rollout of the model."""
+            return self._cost(candidate, self._predict(candidate, start, errors), errors, cooler)
 
-        def solve(tried: np.ndarray) -> np.ndarray | None:
-            return self._solve_program(tried, self._predict(tried, start, errors), errors, cooler)
+        def solve(candidate: np.ndarray) -> np.ndarray | None:
+            """Return the best correction for the model linearized along a correction's rollout."""
+            predicted = self._predict(candidate, start, errors)
+            return self._solve_program(candidate, predicted, errors, cooler)
+
+        # Solve linearized programs, and step towards their solutions while the cost falls.
 
         step = backtracking_step((1.0, 0.5, 0.25, 0.1), cost_of)
         return descend(

@@ -54,7 +54,7 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
         seed: seed of the draws.
     """
     # Simulate the nominal robot in MuJoCo, and correct the stride in a plane.
-    first = simulate_gait(gait, "", gait.robot, cycles, longer=MAX_CYCLES)
+    first = simulate_gait(gait, "", gait.robot, cycles, max_cycles=MAX_CYCLES)
     strides = np.array(first.strides)
     made = float(np.mean(strides[1:])) if len(strides) > 1 and not first.fall else 0.0
     if not gait.in_space and made >= MIN_STRIDE_SHARE and abs(made - 1) > MAX_ENGINE_DIFFERENCE:
@@ -68,7 +68,7 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
         return dataclasses.replace(gait, check=check)
     # Let Drake decide.
     check.simulation = simulate_gait(
-        gait, "", gait.robot, len(strides) if is_close else 1, simulated=simulate_in_drake
+        gait, "", gait.robot, len(strides) if is_close else 1, simulator=simulate_in_drake
     )
     check.checked_by = (
         f"{DRAKE_NAME} for {len(check.simulation.strides)} of the cycles, {MUJOCO_NAME}"
@@ -133,36 +133,43 @@ def scale_limb(
 
 def simulate_gait(
     gait: Gait,
-    what: str,
+    change: str,
     robot: RobotParameters,
     cycles: int,
     *,
-    longer: int = 0,
-    simulated: Callable[[Gait, RobotParameters, int], Recording] = simulate_in_mujoco,
+    max_cycles: int = 0,
+    simulator: Callable[[Gait, RobotParameters, int], Recording] = simulate_in_mujoco,
 ) -> GaitVariation:
-    """Simulate cycles of a gait's duty on a robot, from the gait's first knot.
+    """Simulate cycles of a gait's duty on a robot, open loop, from the gait's first knot.
 
     Args:
-        what: how the robot differs from the gait's, in words.
-        longer: number of cycles to simulate instead where the last strides differ; 0 for none.
-        simulated: `simulate_in_mujoco` or `simulate_in_drake`.
+        gait: the gait, whose duty and planned stride are used.
+        change: how the robot differs from the gait's robot, in words; "" if it does not.
+        robot: the robot to simulate.
+        cycles: number of cycles to simulate.
+        max_cycles: number of cycles to simulate instead if strides after the first still differ.
+        simulator: `simulate_in_mujoco` or `simulate_in_drake`.
+
+    Returns:
+        The strides as shares of the planned stride, the highest temperature, and how it falls.
     """
     try:
-        recording = simulated(gait, robot, cycles)
+        recording = simulator(gait, robot, cycles)
     except SimulationError as error:
-        return GaitVariation(what, fall=str(error).rstrip("."))
+        return GaitVariation(change, fall=str(error).rstrip("."))
     assert recording.wire_temperature is not None
-    fall, time = find_fall(recording, gait)
-    num_completed = min(cycles, int(time / gait.period + 1e-6))
+    # Measure the strides that end before the robot falls, as shares of the planned stride.
+    fall, end_time = find_fall(recording, gait)
+    num_completed = min(cycles, int(end_time / gait.period + 1e-6))
     starts = gait.period * np.arange(num_completed + 1)
     strides, aside = measure_strides(recording, gait, starts)
     # Simulate more cycles where strides still change.
-    changes = np.abs(np.diff(strides[1:])).max(initial=0.0)  # the first one is still settling
-    settled = SETTLED_TOLERANCE_IN_SPACE if gait.in_space else SETTLED_TOLERANCE
-    if not fall and cycles < longer and changes > settled:
-        return simulate_gait(gait, what, robot, longer, simulated=simulated)
+    max_change = np.abs(np.diff(strides[1:])).max(initial=0.0)  # the first one is still settling
+    tolerance = SETTLED_TOLERANCE_IN_SPACE if gait.in_space else SETTLED_TOLERANCE
+    if not fall and cycles < max_cycles and max_change > tolerance:
+        return simulate_gait(gait, change, robot, max_cycles, simulator=simulator)
     return GaitVariation(
-        what,
+        change,
         strides=strides.tolist(),
         aside=aside.tolist() if gait.in_space else [],
         highest_temperature=float(recording.wire_temperature.max()),

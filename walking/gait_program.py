@@ -138,28 +138,30 @@ class GaitProgram:
         self.walker = Walker(robot)
         self.wires = LimbModel.of(robot.as_single_limb).wires
         self.in_space = self.walker.num_tangents == 2
-        self.load = float(np.linalg.norm(self.walker.weight))
+        self.load = float(np.linalg.norm(self.walker.weight))  # N, of all feet
 
-        # Lay the contacts of each phase out over its intervals (K, F).
+        # Repeat the contacts of each phase for each of its intervals (K, F). Contacts are cyclic.
         self.phase_of = np.repeat(np.arange(len(schedule)), intervals)
         self.contacts = np.array(schedule)[self.phase_of]
         self.contacts_before = np.roll(self.contacts, 1, axis=0)
-        self.slides = self.contacts == "slide"
+        # Feet that slide in space; in a plane they "slide_forward" or "slide_backward".
+        self.slides_in_space = self.contacts == "slide"
 
         # Add variables, and all constraints that are linear.
         self._add_variables()
         self._add_bounds()
         self._add_course()
         if begins_as:
+            # The wires begin in the states that they have at the start of that gait.
             states = begins_as.wire_states[:, 0]
             self._bound(self.heat[0, : len(states)], states, states)
         self._add_contacts()
 
-        # State the other constraints. Feet that swing come down on a rigid ground, as pivots do not
-        # resolve micrometres of height.
-        self.lifts = bool((self.contacts == "swing").any())
+        # State the nonlinear constraints. In a plane, the ground is rigid if feet swing: the pivots
+        # of `Stability` do not resolve the micrometres by which feet sink into ground that gives.
+        self.has_swing = bool((self.contacts == "swing").any())
         self.balance = make_balance(
-            self.walker, self.wires, ground_gives=self.in_space or not self.lifts
+            self.walker, self.wires, ground_gives=self.in_space or not self.has_swing
         )
         self.blocks: list[ConstraintBlock] = [
             self._balance_block(),
@@ -168,6 +170,7 @@ class GaitProgram:
             self._merit_block(),
             *self._contact_blocks(),
         ]
+        # `plan_gait` adds this block if friction of a gait without it is not stable.
         self.sliding = None if self.in_space else self._sliding_block()
 
     def _add_variables(self) -> None:
@@ -196,7 +199,7 @@ class GaitProgram:
             "end": (1, np.append(place_scales[:-1], angle_scales[: τ - 1])),
             "merit": (1, np.array([merit_scale])),
             "direction": (num_slides, np.ones(τ)),
-            "advance": (1, np.full(int(self.slides.sum()), LENGTH_SCALE)),
+            "advance": (1, np.full(int(self.slides_in_space.sum()), LENGTH_SCALE)),
         }
         indices = {}
         for name, (rows, scales) in sizes.items():
@@ -227,7 +230,7 @@ class GaitProgram:
     @property
     def _slide_numbers(self) -> np.ndarray:
         """The row of ``direction`` for each interval and foot that slides in space (A,)."""
-        intervals, feet = self.slides.nonzero()
+        intervals, feet = self.slides_in_space.nonzero()
         slides = np.column_stack([self.phase_of[intervals], feet])
         return np.unique(slides, axis=0, return_inverse=True)[1].ravel()
 
@@ -376,7 +379,7 @@ class GaitProgram:
         sticks = (self.contacts == "stick") & (self.contacts_before == "stick")
         if np.isfinite(self.sticking_share) and sticks.any():
             blocks.append(self._friction_cone_block(self.forces[sticks]))
-        if self.slides.any():
+        if self.slides_in_space.any():
             blocks += self._slide_blocks()
         return blocks
 
@@ -411,7 +414,7 @@ class GaitProgram:
         K = len(self.contacts)
         mu = self.walker.friction
         numbers = self._slide_numbers
-        intervals, feet = self.slides.nonzero()
+        intervals, feet = self.slides_in_space.nonzero()
         u = ca.SX.sym("u", 2)
 
         # The direction u has length 1.
@@ -482,7 +485,7 @@ class GaitProgram:
         lower = np.full((len(self.y), stability.num_values), np.inf)
         upper = np.full_like(lower, np.inf)
         lower[:, -F:] = -np.inf
-        upper[:, -F:] = np.inf if self.lifts else MIN_PIVOT
+        upper[:, -F:] = np.inf if self.has_swing else MIN_PIVOT
         lower[:, :-F] = MIN_PIVOT if np.isfinite(self.steadiness) else -np.inf
         pitch = self.steadiness * self.load * walker.size / MIN_BODY_STIFFNESS[-1]
         lower[:, -F - 1] = np.arcsinh(pitch)
@@ -577,7 +580,7 @@ class GaitProgram:
         x[self.travel] = np.concatenate([places, last[None]])
 
         # Each foot that slides in space does so along its mean direction.
-        intervals, feet = self.slides.nonzero()
+        intervals, feet = self.slides_in_space.nonzero()
         slid = x[self.travel[intervals + 1, feet]] - x[self.travel[intervals, feet]]
         for number in range(len(self.direction)):
             is_in_slide = self._slide_numbers == number

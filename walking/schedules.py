@@ -110,24 +110,29 @@ def candidate_schedules(robot: RobotParameters) -> list[Schedule]:
 
 
 def _schedules_in_space(robot: RobotParameters) -> list[Schedule]:
-    F = len(robot.limbs)
+    """Return schedules, in the order of trying, in which feet slide one by one or in groups."""
+    num_feet = len(robot.limbs)
+    # Sort the feet of each side from the rear to the front.
     x, y, _ = robot.hips.T
     from_rear = np.argsort(x, kind="stable")
     left = from_rear[y[from_rear] > 0].tolist()
     right = from_rear[y[from_rear] <= 0].tolist()
+    # Order the feet around the body, and in diagonal pairs, such as left rear with right front.
     around = [*left, *right[::-1]]
-    across = [*itertools.chain(*zip(left, right[::-1], strict=False))]
-    across += [foot for foot in around if foot not in across]
-    waves = [[*left, *right], [*right, *left], across, across[::-1]]
-    waves = waves[::2] if F == 3 else waves  # the others are these, begun at another foot
+    diagonal = [*itertools.chain(*zip(left, right[::-1], strict=False))]
+    diagonal += [foot for foot in around if foot not in diagonal]
+    # Feet move one by one.
+    waves = [[*left, *right], [*right, *left], diagonal, diagonal[::-1]]
+    waves = waves[::2] if num_feet == 3 else waves  # the others only begin at another foot
     schedules = []
     for wave in waves:
-        one_by_one = np.transpose([wave]).tolist()
-        schedules.append(_group_schedule(one_by_one, "slide", F, rests=F < 4))
-    if F > 3:
-        opposite = [around[::2], around[1::2]]
-        for groups in (opposite, opposite[::-1], [left, right]):
-            schedules.append(_group_schedule(groups, "slide", F))
+        one_by_one = [[foot] for foot in wave]
+        schedules.append(_group_schedule(one_by_one, "slide", num_feet, rests=num_feet < 4))
+    # Four and more feet also move in two groups: every other foot, or one side after the other.
+    if num_feet > 3:
+        alternate = [around[::2], around[1::2]]
+        for groups in (alternate, alternate[::-1], [left, right]):
+            schedules.append(_group_schedule(groups, "slide", num_feet))
     return [each for number, each in enumerate(schedules) if each not in schedules[:number]]
 
 

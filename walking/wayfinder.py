@@ -81,7 +81,7 @@ class Wayfinder(HeatFeedback):
             if not gait.check.is_missing and (failure := gait.check.failure()):
                 raise LimbError(f"The gait {name!r} failed its check and is not walked: {failure}")
         self._goals = np.array([_check_goal(goal, index) for index, goal in enumerate(goals)])
-        trajectory, self._begins, self._lasts = join_gaits(self._gaits)
+        trajectory, self._cycle_starts, self._cycle_times = join_gaits(self._gaits)
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
         self.DeclareVectorInputPort("body_pose", 6)
@@ -94,55 +94,63 @@ class Wayfinder(HeatFeedback):
         return context.get_discrete_state(2).value()[TIME]
 
     def _after_update(self, context, ahead: StateEstimate, state) -> None:
-        now = context.get_discrete_state(2).value().copy()
-        now[TIME] += PERIOD
-        part = tuple(now[[BEFORE, GAIT]].astype(int))
-        over = now[TIME] - self._begins[part] - self._lasts[part]
-        if over > -1e-9:
-            self._begin_cycle(now, self.get_input_port(2).Eval(context)[[0, 1, 5]], over)
-        state.set_value(2, now)
+        course = context.get_discrete_state(2).value().copy()
+        course[TIME] += PERIOD
+        part = tuple(course[[BEFORE, GAIT]].astype(int))
+        overrun = course[TIME] - self._cycle_starts[part] - self._cycle_times[part]
+        if overrun > -1e-9:
+            self._begin_cycle(course, self.get_input_port(2).Eval(context)[[0, 1, 5]], overrun)
+        state.set_value(2, course)
 
-    def _begin_cycle(self, now: np.ndarray, pose: np.ndarray, over: float) -> None:
-        """Learn from the cycle that ended, and begin the next one, in the course."""
+    def _begin_cycle(self, course: np.ndarray, pose: np.ndarray, overrun: float) -> None:
+        """Learn from the cycle that ended, choose the next gait, and begin its cycle.
+
+        Args:
+            course: state of output ``course``, which is changed in place.
+            pose: x, y, m, and yaw, rad, of the body (3,); NaN where it is not seen.
+            overrun: time since the end of the cycle, s.
+        """
         num_gaits = len(self._gaits)
-        start = now[START : START + 3].copy()
-        expected = now[EXPECTED:].reshape(num_gaits, num_gaits, 3)  # after each gait, of each gait
-        before, gait = map(int, now[[BEFORE, GAIT]])
+        start = course[START : START + 3].copy()
+        expected_travel = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)  # by gait before, gait
+        previous_gait, gait = map(int, course[[BEFORE, GAIT]])
 
         # Learn the travel of the cycle, unless it began from cold or the body was not seen.
-        if before < num_gaits and np.isfinite([*start, *pose]).all():
+        if previous_gait < num_gaits and np.isfinite([*start, *pose]).all():
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
-            error = body_travel(poses)[:, 0] - expected[before, gait]
-            expected[before, gait] += LEARNING_RATE * error
+            error = body_travel(poses)[:, 0] - expected_travel[previous_gait, gait]
+            expected_travel[previous_gait, gait] += LEARNING_RATE * error
             is_stalled = self._gaits[gait].progress(poses)[0][0] < MIN_CYCLE_PROGRESS
-            now[STALLED] = now[STALLED] + 1 if is_stalled else 0.0
+            course[STALLED] = course[STALLED] + 1 if is_stalled else 0.0
 
         # Go on to the next goal after the robot has reached one, and choose the gait.
         if np.isfinite(pose).all():
-            while now[GOAL] < len(self._goals) and self.is_there(pose, now[GOAL]):
-                now[GOAL] += 1
-            if now[GOAL] < len(self._goals):
-                now[GAIT] = self._choose_gait(pose, expected, gait, now[GOAL])
+            while course[GOAL] < len(self._goals) and self.is_there(pose, course[GOAL]):
+                course[GOAL] += 1
+            if course[GOAL] < len(self._goals):
+                course[GAIT] = self._choose_gait(pose, expected_travel, gait, course[GOAL])
 
         # Begin its cycle.
-        now[BEFORE] = gait
-        now[START : START + 3] = pose
-        now[TIME] = self._begins[gait, int(now[GAIT])] + max(0.0, over)
+        course[BEFORE] = gait
+        course[START : START + 3] = pose
+        course[TIME] = self._cycle_starts[gait, int(course[GAIT])] + max(0.0, overrun)
 
-    def _choose_gait(self, pose: np.ndarray, expected: np.ndarray, now: int, goal: float) -> int:
+    def _choose_gait(
+        self, pose: np.ndarray, expected: np.ndarray, last_gait: int, goal: float
+    ) -> int:
         """Return the number of the next gait, by the expected time to the goal.
 
         Args:
             pose: x, y, m, and yaw, rad, of the body (3,).
             expected: expected travel (G, G, 3) after each gait, of each gait.
-            now: number of the gait of the last cycle.
+            last_gait: number of the gait of the last cycle.
             goal: number of the goal.
         """
         # Estimate speeds from expected travel: by planned speeds a slow robot would stand too much.
         num_gaits = len(expected)
         diagonal = np.arange(num_gaits)
-        rates = (expected / self._lasts[:-1, :, None])[diagonal, diagonal]
+        rates = (expected / self._cycle_times[:-1, :, None])[diagonal, diagonal]
         speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], MIN_SPEED).max(
             axis=1
         )
@@ -153,14 +161,14 @@ class Wayfinder(HeatFeedback):
         for choice in choices:
             after = pose
             duration = 0.0
-            for before, gait in itertools.pairwise((now, *choice)):
+            for before, gait in itertools.pairwise((last_gait, *choice)):
                 if self.is_there(after, goal):
                     break
                 x_y = expected[before, gait][:2]
                 turn = expected[before, gait][2]
                 place = after[:2] + rotate_to_heading(x_y, -after[2])
                 after = np.append(place, after[2] + turn)
-                duration += self._lasts[before, gait]
+                duration += self._cycle_times[before, gait]
             times.append(duration + self._time_to_go(after, goal, speed, turning))
         return choices[int(np.argmin(times))][0]
 

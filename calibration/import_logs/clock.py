@@ -176,19 +176,23 @@ def usual_rate(times: np.ndarray) -> float:
 
 
 def _clock_step(times: np.ndarray) -> float:
-    """Return the step of a coarse clock: seconds, single precision; 0 if the clock is fine."""
+    """Return the resolution of a coarse clock, s; 0 if the clock is fine.
+
+    A clock is coarse if times (K,) are rounded, such as to whole seconds or to single precision.
+    """
+    # Leave out gaps between rows, and rows of the same time.
     steps = np.diff(times)
     short = steps[(steps > 0) & (steps <= MIN_GAP)]
     if len(steps) < MIN_ROWS or (steps > 0).sum() < 2:
         return 0.0
-    # All steps between rows are multiples of the clock's.
+    # The clock is coarse if all steps between rows are multiples of the shortest step.
     step = float(np.quantile(short, 0.02)) if len(short) else 0.0
     if step and step >= MIN_CLOCK_STEP * np.mean(short):
         multiples = short / step
         is_whole = np.abs(multiples - np.round(multiples)) < 0.1
         if is_whole.mean() > 0.98 and np.round(multiples).std() > 0.1:
             return step
-    # Else rows of one time tell that the clock is coarse.
+    # Else it is coarse if many rows have the time of the row before.
     has_repeated = (steps == 0).mean() > MIN_REPEATED_SHARE
     return float(np.min(steps[steps > 0])) if has_repeated else 0.0
 
@@ -215,7 +219,9 @@ def _smooth_times(times: np.ndarray, clock: float) -> np.ndarray:
 def aligned_offset(
     times: np.ndarray, signal: np.ndarray, second_times: np.ndarray, second_signal: np.ndarray
 ) -> float:
-    """Return the offset of a second file, s, at which two signals of the same run agree best.
+    """Return the offset, s, to add to a second file's times so that two signals agree best.
+
+    Both signals are of the same run. Their agreement is the absolute value of their correlation.
 
     Args:
         times, signal: the log's times (K,), s from its first row, and a signal in it.

@@ -39,12 +39,17 @@ def read_log(
     parameters: LimbParameters | None = None,
     tables: list[LogTable] | None = None,
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the parts of a log, as arguments of `Recording`, and what was lost, in sentences.
+    """Return the parts of a log, as arguments of `Recording`, and remarks, in sentences.
+
+    The remarks say what is left out or assumed.
 
     Args:
+        path: the file of the log.
+        mapping: the meaning of its columns.
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
             None.
-        tables: the log's rows, which are taken out to free their memory; they are read if None.
+        tables: a list with the log's table, which is taken out of the list so that its memory is
+            freed; the table is read from the file if None.
 
     Raises:
         LogError: if the log is not as the mapping says.
@@ -58,7 +63,7 @@ def read_log(
         limb = described_limb(mapping, parameters)
         signals = _Signals(table.only(mapping.columns), mapping, limb, path)
         del table
-        # Gravity bends a limb whose log says so in its name.
+        # Let gravity act if the name of the file says that it bends the limb.
         (*_, bend) = signals.readings
         if path.name.startswith(SAG_PREFIX) and not signals.duty.any() and not mapping.bend.e2:
             limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bend)) or -1.0), 0.0]

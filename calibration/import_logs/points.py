@@ -36,19 +36,27 @@ def base_direction(coordinates: list[np.ndarray]) -> float:
     return round(float(np.median(base)), 2) if base.size else 0.0
 
 
-def bends_from_first(x: np.ndarray, y: np.ndarray) -> bool:
-    """Return whether links of P points x, y (P, N) turn as if clamped at the first point.
+def is_clamped_at_first_point(x: np.ndarray, y: np.ndarray) -> bool:
+    """Return whether the limb seems to be clamped at the first of P points in a picture.
 
-    For constant curvature, links turn in proportion to the distance of their middles. Limbs bend
-    more near their base; a link that begins before the base turns less.
+    A link joins two points. If a limb bends with constant curvature, the direction of a link turns
+    in proportion to the length of limb from the base to the middle of the link. Limbs bend more
+    near their base. The first link turns less than this if the first point lies before the base, on
+    a part that does not bend.
+
+    Args:
+        x, y: coordinates of the points, in order from the base (P, N), in any unit.
     """
+    # Measure the links, and the length from the first point to the middle of each (P - 1,).
     lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)
     middles = np.cumsum(lengths) - lengths / 2
-    links = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
-    links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=1)
-    turns = links.std(axis=1)
-    expected = turns[-1] * middles[0] / middles[-1]
-    return len(x) > 2 and bool(MIN_FIRST_TURN * expected < turns[0])
+    # Measure how much each link turns: the standard deviation of its direction, rad.
+    directions = np.arctan2(np.diff(y, axis=0), np.diff(x, axis=0))
+    directions = np.unwrap(directions[:, ~np.isnan(directions).any(axis=0)], axis=1)
+    turns = directions.std(axis=1)
+    # Compare the first link with what constant curvature makes of the last link's turn.
+    expected_first_turn = turns[-1] * middles[0] / middles[-1]
+    return len(x) > 2 and bool(MIN_FIRST_TURN * expected_first_turn < turns[0])
 
 
 def wrapped(degrees: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from calibration.import_logs.columns import Column, ColumnList, read_columns
 from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
-from calibration.import_logs.points import base_direction, bends_from_first
+from calibration.import_logs.points import base_direction, is_clamped_at_first_point
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
@@ -245,31 +245,37 @@ class Columns:
         return False
 
     def full_duty(self) -> float:
-        """Return the number of full duty; 0 and a question if nothing tells it."""
+        """Return the number in the log that means full duty, such as 1, 100 or 255.
+
+        Return 0, and ask a question, if neither names nor numbers of the duties determine it.
+        """
         duties = ColumnList(dict.fromkeys(self.duties))
         if not duties.moving:
             return 1.0
-        # Find the numbers of the duties.
+        # Find all sizes of duty, the largest of each column, and a scale that they fit.
         levels = np.unique(np.abs(np.concatenate(duties.moving.each("present"))))
         tops = duties.moving.each("top")
         full = _full_scale(duties, levels[levels > 0])
-        # Duties must have one unit, and wires must not rest or cool at the most of their duties.
+        # Duties have mixed units if their largest numbers are too far apart, or if one is a switch
+        # of 0 and 1 and another a share. A duty is inverted if it rests at its largest number, or
+        # if a wire cools with it.
         is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops)
         for column in duties:
             is_switch = column.top == 1.0 and np.isin(column.present, [-1.0, 0.0, 1.0]).all()
             is_mixed |= bool(is_switch and min(tops) < 1.0)
-            rests = (column.present == column.present.max()).mean() > 0.05
-            if (rests and column.present.min() > 0) or self._cools(column):
+            rests_at_top = (column.present == column.present.max()).mean() > 0.05
+            if (rests_at_top and column.present.min() > 0) or self._cools(column):
                 self.is_inverted = True
         if full and not is_mixed and not self.is_inverted:
             return full
-        # What follows is judged as if inverted duties were not.
+        # Invert the heat back, as the other columns are found by how they respond to it.
         if self.is_inverted:
             self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
         kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
-        texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
-        self.ask(kind, "full", likely, columns=" and ".join(duties.each("text")), tops=texts)
+        columns = " and ".join(duties.each("text"))
+        top_texts = " and ".join(f"{top:g}" for top in dict.fromkeys(tops))
+        self.ask(kind, "full", likely, columns=columns, tops=top_texts)
         return 0.0
 
     def _cools(self, duty: Column) -> bool:
@@ -505,7 +511,7 @@ class Columns:
         moves = np.hypot(spreads[::2], spreads[1::2])
         is_still = moves <= FIXED_POINT_SHARE * moves.max()
         is_clear = is_still[0] and not is_still[1:].any()
-        is_clear &= says_base or bends_from_first(means[::2], means[1::2])
+        is_clear &= says_base or is_clamped_at_first_point(means[::2], means[1::2])
         if not says_fixed and (is_clear or not self.heats.any()):
             zero = base_direction(coordinates.each("values"))
             # In the picture, the limb's right is clockwise.

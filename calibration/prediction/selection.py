@@ -294,42 +294,43 @@ def fit_by_prediction(
     ambient: float,
     *,
     report: Callable[[str], object] = lambda remark: None,
-    announce: Callable[[str], object] = lambda said: None,
+    announce: Callable[[str], object] = lambda text: None,
 ) -> Prediction:
     """Return the wires' law and its parameters from all heated recordings.
 
-    Laws are judged by how they predict the motions. Where there are none, they are judged
-    by the recordings of all wires, or else by the last part of each recording. What judged
-    them is then fitted as well. Recordings judge only wires that others heat.
+    Laws are judged by how they predict validation runs that they are not fitted to: the motions. If
+    there are none, these are the recordings in which all wires are heated, else the last
+    recordings, else the last part of each recording. Runs validate only if the other runs heat the
+    same wires. The best law is fitted to all runs at the end.
 
     Args:
         laws: to be compared, from the simplest on.
-        recordings: heated ones by kind.
-        segment: the described one, with its stiffness as calibrated.
+        recordings: heated recordings by kind, such as "motion".
+        segment: description of the segment, with its calibrated stiffness.
         ambient: T0, °C.
         report: is called with what is being done.
-        announce: is called with how long it will take, in words, if it takes long: by the first
-            step of a fit, and again by the first fits.
+        announce: is called with the expected time in words, if it is long: estimated by one step of
+            each fit, and once more after the first fits.
 
     Raises:
-        CalibrationError: if no law predicts what judges as well as the mean and a lag of each wire.
+        CalibrationError: if no law predicts the validation runs as well as the baselines do.
     """
-    # Split the recordings into folds.
+    # Split the recordings into folds, each with runs to fit and validation runs.
     runs: dict[str, list[HeatedRun]] = {}
     for kind, group in recordings.items():
         if group:
             runs[kind] = [HeatedRun.of(recording) for recording in group]
-    fitted, folds = _make_folds(runs)
-    rest, judges = folds.folds[0]
+    all_runs, folds = _make_folds(runs)
+    fitted_runs, judges = folds.folds[0]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
+        # Announce the time, s, estimated by a first step of each law.
         report("how long it takes")
-        # Announce the time, estimated by a first step of each law.
-        times = {law: fitting_time(law, rest, segment, ambient) for law in laws}
-        # One law is fitted again with each option, without each part, and to all.
+        times = {law: fitting_time(law, fitted_runs, segment, ambient) for law in laws}
+        # One law is fitted again with each option, for each further fold, and to all runs.
         num_further_fits = len(OPTIONS) + len(folds.folds)
         expected_time = sum(times.values()) + num_further_fits * float(np.mean([*times.values()]))
         if expected_time > MIN_ANNOUNCED_TIME:
-            heated = sum(run.times[-1] for run in fitted) / 60
+            heated = sum(run.times[-1] for run in all_runs) / 60  # min
             announce(
                 f"comparing {len(laws)} law{'s' * (len(laws) > 1)} of the wires by {heated:.0f} "
                 f"min of heated recordings takes about {float(f'{expected_time:.1g}'):.0f} s"
@@ -338,23 +339,23 @@ def fit_by_prediction(
         # Compare the laws by the first fold, and the best laws by all folds.
         candidates, best = compare_laws(
             laws,
-            rest,
+            fitted_runs,
             judges,
             segment,
             ambient,
             continued=folds.continued,
             report=report,
-            fitted=lambda law: time_left.add(times[law]),
+            on_fitted=lambda law: time_left.add(times[law]),
         )
         baselines = [baseline_errors(others, left_out) for others, left_out in folds.folds]
-        best, parts = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
-        # Fit the best law to all recordings.
+        best, predictions = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
+        # Fit the best law to all runs, and predict the validation runs as plans are predicted.
         fit = best.fit
         report(f"{best.name}, all recordings")
-        fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_options(fit), start=fit)
-        rollouts = fit.roll_out([predicted.run for predicted in parts])
+        fit = fit_law(fit.law, all_runs, segment, ambient, rubber=rubber_options(fit), start=fit)
+        rollouts = fit.roll_out([predicted.run for predicted in predictions])
     mean_error = float(np.mean([errors[MEAN] for errors in baselines]))
-    return Prediction(candidates, best, fit, folds.words, rollouts, parts, mean_error)
+    return Prediction(candidates, best, fit, folds.words, rollouts, predictions, mean_error)
 
 
 class _Folds(NamedTuple):
@@ -424,9 +425,9 @@ def _best_law_by_folds(
     kinds: Iterable[str],
     report: Callable[[str], object],
 ) -> tuple[Candidate, list[Predicted]]:
-    """Return the best law that predicts the parts left out as well as baselines, and these parts.
+    """Return the best law that predicts the folds as well as baselines do, and its predictions.
 
-    Errors count by their root mean square over the parts, as one part that is far off matters.
+    Errors count by their root mean square over the folds, as one fold that is far off matters.
 
     Args:
         candidates, best, folds: the laws by the first fold, the best of them, and all folds.
@@ -435,7 +436,7 @@ def _best_law_by_folds(
         report: is called with what is being done.
 
     Raises:
-        CalibrationError: if no law predicts them as well.
+        CalibrationError: if no law predicts the folds as well as the best baseline.
     """
     mean_squares = {}
     for name in baselines[0]:
@@ -443,24 +444,26 @@ def _best_law_by_folds(
     baseline, mean_square = min(mean_squares.items(), key=lambda item: item[1])
     error = np.sqrt(mean_square)
     allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
-    # The best law, or the nearest others, each fitted without each part.
+    # Try the best law, then the laws with the smallest errors, each fitted in each further fold.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
     by_error.remove(best)
     least_error = np.inf
     for candidate in [best, *by_error][:MAX_TRIED_LAWS]:
         fit = candidate.fit
-        parts = list(candidate.judged)
+        predictions = list(candidate.judged)
         law_errors = [candidate.bend_error]
-        for number, (rest, judges) in enumerate(folds.folds[1:], 1):
+        for number, (fitted_runs, judges) in enumerate(folds.folds[1:], 1):
             report(f"{candidate.name}, part {number} left out")
             rubber = rubber_options(fit)
-            refit = fit_law(fit.law, rest, fit.segment, fit.ambient, rubber=rubber, start=fit)
+            refit = fit_law(
+                fit.law, fitted_runs, fit.segment, fit.ambient, rubber=rubber, start=fit
+            )
             judged = refit.continued(judges) if folds.continued else refit.predict(judges)
             law_errors.append(mean_bend_error(judged))
-            parts += judged
+            predictions += judged
         law_error = float(np.sqrt(np.mean(np.square(law_errors))))
         if law_error <= allowed:
-            return candidate, parts
+            return candidate, predictions
         least_error = min(least_error, law_error)
     # None is as good: say what to record.
     by_law, by_baseline = np.rad2deg([least_error, error])
@@ -509,7 +512,7 @@ def compare_laws(
     options: Sequence[str] = OPTIONS,
     continued: bool = False,
     report: Callable[[str], object] = lambda remark: None,
-    fitted: Callable[[type[WireLaw]], object] = lambda law: None,
+    on_fitted: Callable[[type[WireLaw]], object] = lambda law: None,
 ) -> tuple[list[Candidate], Candidate]:
     """Fit laws, then the best of them with options of the rubber, and predict the judges by each.
 
@@ -522,7 +525,7 @@ def compare_laws(
         options: options of the rubber that are tried.
         continued: True if the judges are other samples of the same recordings, in their order.
         report: is called with what is being done.
-        fitted: is called with each law when it is fitted and judged.
+        on_fitted: is called with each law when it is fitted and judged.
 
     Returns:
         All candidates, and the simplest that no other beats.
@@ -543,7 +546,7 @@ def compare_laws(
         )
         judged_runs = fit.continued(judges) if continued else fit.predict(judges)
         candidates.append(Candidate(fit, judged_runs))
-        fitted(law)
+        on_fitted(law)
         return candidates[-1]
 
     # Fit the laws, each from the law before, then the best with options of the rubber.

@@ -97,15 +97,21 @@ def values_of(unknowns: Sequence[Unknown], fitted: Iterable[Any]) -> list[Any]:
 
 
 def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarray:
-    """Return the derivatives of the values by the fitted numbers (P, P)."""
-    # Each value by its fitted number: the derivative of an exponential is its value.
+    """Return the derivatives (P, P) of all values (rows) by all fitted numbers (columns).
+
+    Args:
+        unknowns: the unknowns (P).
+        fitted: their numbers as the fit has them (P): the value, or a logarithm, see `Unknown`.
+    """
+    # Derive each value by its own number. If the number is a logarithm, the value is ± exp(x),
+    # which is its own derivative.
     diagonal = np.ones(len(unknowns))
     rows: dict[str, int] = {}
     for row, (unknown, x) in enumerate(zip(unknowns, fitted, strict=True)):
         rows[unknown.name] = row
         if unknown.form:
             diagonal[row] = unknown.value(np.asarray(x))
-    # A value below another grows with the other and falls with its distance.
+    # A value below another is the other one less a distance, which its own number gives.
     slopes = np.diag(diagonal)
     for row, unknown in enumerate(unknowns):
         if unknown.below:

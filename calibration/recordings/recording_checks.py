@@ -133,27 +133,28 @@ def check_without_gaps(recording: Recording) -> None:
 def frozen_since(recording: Recording) -> tuple[int, str] | None:
     """Return the sample since which a sensor is frozen, and why, in words; None if none is.
 
-    A frozen sensor repeats one reading to the last digit while a wire is heated as much as moved
-    the reading before. Readings may stand where the limb rests, or where the sensor is coarse.
+    A frozen sensor repeats one reading to the last digit, while wires are heated by as much as
+    changed its reading before. Readings may also repeat because the limb rests, or because the
+    sensor is coarse.
     """
-    # See how much each wire's heat changes within a window.
+    # Measure how much each wire's heat changes within each window, (W, K - window).
     heat = _wire_heat(recording)
     window = max(1, round(HEAT_WINDOW * recording.sample_rate))
     if len(recording.time) <= window:
         return None
     rises = np.abs(heat[:, window:] - heat[:, :-window])
-    # A thermocouple is driven by its own wire, a bend sensor by all.
+    # A thermocouple follows its own wire, a bend sensor the wire whose heat changes most.
     signals = np.vstack([recording.measured_temperature, recording.bend_angle])
     driving_rises = np.vstack([rises, *[rises.max(axis=0)] * len(recording.bend_angle)])
     frozen = []
     for name, signal, rise in zip(_sensor_names(recording), signals, driving_rises, strict=True):
-        # Missing readings neither stand nor move.
+        # Find the windows in which the reading changes. Missing readings do not count.
         read_rows = np.flatnonzero(~np.isnan(signal))
         changes = np.diff(signal[read_rows]) != 0
         moves = np.zeros(len(signal))
         moves[read_rows[1:]] = changes
         is_moved = np.convolve(moves, np.ones(window), "valid")[1:] > 0.5
-        # Find stretches in which a reading stands.
+        # Find spans in which the reading repeats, as pairs of places in ``changes``.
         is_driven = rise > DRIVING_HEAT_SHARE * rise.max()
         first = np.arange(len(rise))
         num_changes = np.cumsum(changes)
@@ -161,7 +162,8 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
         durations = np.diff(recording.time[read_rows[still_spans]], axis=1)[:, 0]
         for from_change, to_change in still_spans[durations >= MIN_FROZEN_TIME]:
             start, end = read_rows[[from_change, to_change]]
-            # How improbable it is that so many readings stand, by what the sensor did before.
+            # Skip a span that may be chance: before it, the reading changed at a usual share of
+            # the samples.
             usual_share = num_changes[from_change - 1] / from_change if from_change else 0.0
             chance = (1.0 - usual_share) ** (to_change - from_change)
             if chance > MIN_STANDING_CHANCE:

@@ -164,8 +164,8 @@ def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | No
             return False
         # Fit the bounds to this heating, and let the limb rest.
         rates = [_fit_rates([contact], wire) for wire, contact in enumerate(contacts)]
-        hottest = max(rate.heating for rate in rates)
-        bounds = [rates[wire].bounds(kinds[wire], hottest, BOUNDS_MARGIN) for wire in wires]
+        max_heating = max(rate.heating for rate in rates)
+        bounds = [rates[wire].bounds(kinds[wire], max_heating, BOUNDS_MARGIN) for wire in wires]
         for _ in range(round(REST_TIME / PERIOD)):
             link.next_sample()
         # Heat each wire until the limb bends.

@@ -34,25 +34,26 @@ class HeatRates:
     cooling: float
     reading: float
 
-    def bounds(self, kind: HeatBounds, hottest: float, margin: float) -> HeatBounds:
-        """Return bounds for the board around these rates.
+    def bounds(self, kind: HeatBounds, max_heating: float, margin: float) -> HeatBounds:
+        """Return the bounds of heating, cooling and reading for the board, around these rates.
 
-        Readings cannot tell a wire with less heat from a thermocouple that shows a share of the
-        rise, so they never lower the kind's bound of the most heating. If they show more heat,
-        the description is wrong, and the hottest wire gives the most heating of all wires.
-        The slowest cooling is raised by `MAX_COOLING_FACTOR` at most.
+        Low readings never lower the largest heating of the wire's kind: they may come from a
+        thermocouple that shows only a share of the rise. High readings raise it: the description is
+        wrong then, and the wire with the largest heating gives the bound for all wires. The slowest
+        cooling is at most `MAX_COOLING_FACTOR` times the slowest cooling of the wire's kind.
 
         Args:
-            kind: bounds of any wire of its kind.
-            hottest: largest ``heating`` of all wires of the limb.
+            kind: bounds that hold for any wire of its kind.
+            max_heating: largest ``heating`` of all wires of the limb, °C/s.
             margin: share by which the rates are widened.
         """
-        # Widen the rates by the margin, and take the kind's bounds where these are wider.
+        # Limit the slowest cooling, 1/s, also to cooling that the thermocouple can show.
         visible_cooling = max(kind.slowest_cooling, self.reading / VISIBLE_TIME_CONSTANTS)
-        largest_slowest = min(visible_cooling, MAX_COOLING_FACTOR * kind.slowest_cooling)
-        most_heating = hottest * max(RATE_FACTORS["most_heating"], 1 + margin)
+        max_slowest_cooling = min(visible_cooling, MAX_COOLING_FACTOR * kind.slowest_cooling)
+        # Widen the rates by the margin, and take the kind's bounds where these are wider.
+        most_heating = max_heating * max(RATE_FACTORS["most_heating"], 1 + margin)
         bounds = {
-            "slowest_cooling": min(self.cooling / (1 + margin), largest_slowest),
+            "slowest_cooling": min(self.cooling / (1 + margin), max_slowest_cooling),
             "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),
             "least_heating": self.heating * (1 - margin),
             "most_heating": max(most_heating, kind.most_heating),

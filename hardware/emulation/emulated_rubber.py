@@ -177,17 +177,23 @@ class Hand(LeafSystem):
         )
 
     def _calc_force(self, context, output):
+        """Set the torques on the joints, N·m, by which the hand pushes the tip; 0 after its motion.
+
+        The hand acts as a spring and damper between the bend of the motion and the present bend.
+        """
         time = context.get_time()
         if time >= self._motion.end_time():
             output.SetFromVector(np.zeros(self._layout.num_joints))
             return
-        # Directions across the chord: E2 and E3 after the least rotation that turns E1 along it.
+        # Find the directions across the chord from base to tip, in which the hand pushes: E2 and E3
+        # after the least rotation that turns E1 along the chord.
         angles, rates = np.split(self.get_input_port().Eval(context), 2)
-        chord, slopes = self._tip.first(angles)
+        chord, tip_jacobian = self._tip.first(angles)
         along = chord / np.linalg.norm(chord)
         across = np.eye(3)[1:] - np.outer(along[1:], along + np.eye(3)[0]) / (1 + along[0])
-        jacobian = across[: self._layout.num_bends] @ slopes  # motion of the tip along them
-        # A spring and damper between the wanted and the present bend.
+        # Motion of the tip along these directions by each joint (F, n), m/rad.
+        jacobian = across[: self._layout.num_bends] @ tip_jacobian
+        # Push, N, by the error of the bend, rad, and the rate of the tip over the length, rad/s.
         bend = self._sensor.exact_bends(self._segment_chain, angles)
         error = self._motion.value(time).ravel() - bend
         rate = jacobian @ rates / self._length

@@ -36,23 +36,25 @@ class Firmware:
         self._board = board
         self._wires = range(channels)
         self._parser = protocol.Parser(protocol.KINDS)
-        self._parts = [None] * channels  # values of each wire's last BOUNDS
-        # Begin with the reason of the reset, or with a fault from before it.
+        self._bounds_frames = [None] * channels  # values of each wire's last BOUNDS frame
+        # The guard begins with the reason of the reset, or with a latched fault from before it.
         now = board.ticks()
         reason = _REASONS.get(board.reset_cause, guard.RESTARTED)
         if board.reset_cause != POWER_ON and board.remembered >= guard.LATCHING:
             reason = board.remembered
         self.guard = guard.Guard(now, board.random, reason, channels, board.angles)
-        self._remembered = board.remembered
-        self._next = self._now = now
-        self._standing = 0  # passes, for which the clock stood still
-        self._sequence = 0
-        # Readings, 1/4 °C and 1/16 °C, and the duty at the pins.
-        self._quarters = [0] * channels
-        self._junctions = [0] * channels
-        self._faults = [0] * channels
-        self._bends = None
-        self._applied = [None] * channels
+        self._remembered = board.remembered  # reason that the board stores over a reset
+        self._next_sample = now  # ms, when the sensors are read next
+        self._last_pass = now  # ms, when the loop was run last
+        self._standstill = 0  # passes of the loop in which the clock stood still
+        self._sequence = 0  # number of the last sample
+        # The last readings of the sensors: of each wire's thermocouple, and of the bend.
+        self._quarters = [0] * channels  # temperature, 1/4 °C
+        self._junctions = [0] * channels  # temperature of the amplifier, 1/16 °C
+        self._faults = [0] * channels  # fault bits
+        self._bends = None  # each angle, 1/64 degree; None without a valid reading
+        # The duty that is set at the pins, in [0, 1]; None before it is first set.
+        self._applied_duty = [None] * channels
         self._apply()
 
     def step(self):
@@ -60,21 +62,21 @@ class Firmware:
         # Check the clock.
         board = self._board
         now = board.ticks()
-        self._standing = self._standing + 1 if now == self._now else 0
-        self._now = now
-        if self._standing > LONGEST_STANDSTILL:  # a watchdog with the same clock stands, too
+        self._standstill = self._standstill + 1 if now == self._last_pass else 0
+        self._last_pass = now
+        if self._standstill > LONGEST_STANDSTILL:  # a watchdog with the same clock stands, too
             self.guard.trip(guard.CLOCK_STANDS, now)
         # Handle frames, end a duty that is too old, and read the sensors every 50 ms.
         for kind, values in self._parser.feed(board.receive()):
             self._handle(kind, values, now)
         self.guard.tick(now)
-        sampling = now >= self._next
+        sampling = now >= self._next_sample
         if sampling:
-            self._next = max(self._next + SAMPLE_PERIOD, now + SAMPLE_PERIOD // 2)
+            self._next_sample = max(self._next_sample + SAMPLE_PERIOD, now + SAMPLE_PERIOD // 2)
             self._read(now)
         # Set the pins, and send the sample.
         self._apply()
-        if self.guard.state == guard.ARMED and not self._standing:
+        if self.guard.state == guard.ARMED and not self._standstill:
             board.keep_supply()
         if sampling:
             self._send_sample(now)
@@ -82,8 +84,8 @@ class Firmware:
 
     def _handle(self, kind, values, now):
         if kind == protocol.BOUNDS:
-            if values[1] < len(self._parts):
-                self._parts[values[1]] = values
+            if values[1] < len(self._bounds_frames):
+                self._bounds_frames[values[1]] = values
         elif kind == protocol.ARM:
             self._arm(values, now)
         elif kind == protocol.COMMAND:
@@ -102,15 +104,17 @@ class Firmware:
     def _arm(self, values, now):
         """Arm, with no bounds unless all BOUNDS came that the ARM is for."""
         challenge, channels, total, expected = values
-        parts = self._parts
-        complete = channels == len(parts) and all(part and part[0] == challenge for part in parts)
-        if not complete or protocol.checksum(parts) != expected:
-            parts = ()
+        frames = self._bounds_frames
+        complete = channels == len(frames) and all(
+            frame and frame[0] == challenge for frame in frames
+        )
+        if not complete or protocol.checksum(frames) != expected:
+            frames = ()
         # Decode bounds and pulls.
         bounds = []
-        for part in parts:
-            bounds.append([value / s for value, s in zip(part[2:7], protocol.BOUND_SCALES)])
-        pulls = [part[7] for part in parts]
+        for frame in frames:
+            bounds.append([value / s for value, s in zip(frame[2:7], protocol.BOUND_SCALES)])
+        pulls = [frame[7] for frame in frames]
         shares = [protocol.shares(pulls, angle) for angle in range(self._board.angles)]
         self.guard.arm(challenge, bounds, total / protocol.FULL_DUTY, shares, now)
 
@@ -132,9 +136,9 @@ class Firmware:
 
     def _apply(self):
         for wire in self._wires:
-            if self._applied[wire] != self.guard.duty[wire]:
-                self._applied[wire] = self.guard.duty[wire]
-                self._board.set_duty(wire, self._applied[wire])
+            if self._applied_duty[wire] != self.guard.duty[wire]:
+                self._applied_duty[wire] = self.guard.duty[wire]
+                self._board.set_duty(wire, self._applied_duty[wire])
         latched = self.guard.reason if self.guard.reason >= guard.LATCHING else 0
         if latched != self._remembered:
             self._remembered = latched
@@ -152,7 +156,7 @@ class Firmware:
         for first in range(0, len(self._wires), protocol.GROUP):
             values = [self._sequence, first, len(self._wires)]
             for wire in self._wires[first : first + protocol.GROUP]:
-                ticks = int(protocol.FULL_DUTY * self._applied[wire] + 0.5)
+                ticks = int(protocol.FULL_DUTY * self._applied_duty[wire] + 0.5)
                 quarters = protocol.NO_READING if self._faults[wire] else self._quarters[wire]
                 values += [quarters, ticks, subject.warmest(wire)]
             frames.append(protocol.encode(protocol.CHANNELS, *values))

@@ -121,19 +121,23 @@ def checksum(parts):
 
 
 def shares(pulls, angle):
-    """Return the share of each wire's torque that turns an angle.
+    """Return the share of each wire's torque, from -1 to 1, that changes a bend angle.
 
-    A pull has the first angle of the wire's segment in its upper three bits, and below them the
-    wire's direction from +E2 towards +E3 in 1/32 turns. A segment that bends about two axes has
-    two angles.
+    ``pulls`` has a byte for each wire: the index of the first bend angle of its segment in the
+    upper three bits, and below them its direction from +E2 towards +E3 in 1/32 turns. A segment
+    that bends about two axes has two bend angles. ``angle`` is the index of the bend angle.
     """
     of_wires = []
     for pull in pulls:
         first = pull >> 5
         direction = pull & 31
         turn = math.pi / 16 * direction
-        across = math.sin(turn) if angle == first + 1 and direction % 16 else 0.0
-        of_wires.append(math.cos(turn) if angle == first else across)
+        share = 0.0
+        if angle == first:
+            share = math.cos(turn)
+        elif angle == first + 1 and direction % 16:  # sin(turn) is 0, exactly, in half turns
+            share = math.sin(turn)
+        of_wires.append(share)
     return of_wires
 
 

@@ -133,13 +133,15 @@ def parse_table(
     """Parse the contents of a file into a table.
 
     Args:
-        unfinished: whether the end line may be missing, because the program
-            that wrote the table died; an incomplete last line is then left
-            out, and the table is an interrupted one.
+        data: the bytes of the file.
+        kind: the kind of the file, such as "recording", which its first line has to name.
+        unfinished: whether the end line may be missing, because the program that wrote the table
+            died. An incomplete last line is then left out, and the table has `KILLED_REASON` as the
+            reason of its interruption.
         readings: prefixes of the names of columns whose values may be missing.
 
     Raises:
-        FileFormatError: one sentence that says what is wrong and where.
+        FileFormatError: if the contents are damaged; its message says what is wrong and where.
     """
     try:
         text = data.decode().replace("\r\n", "\n")  # as some ways of copying text leave it
@@ -147,7 +149,8 @@ def parse_table(
         raise FileFormatError(f"byte {error.start} is not text; the file is damaged.") from error
     lines = text.split("\n")
     _check_first_line(lines[0], kind)
-    # Take off the end line, and the line of an interruption.
+    # Take off the end line, and the line with the reason of an interruption.
+    # A complete file ends with a line break, after which the last of the lines is empty.
     end = re.fullmatch(r"# end, ([0-9]{1,15}) rows, sha256 ([0-9a-f]{64})", lines[-2:][0])
     last_line = lines.pop()
     if last_line:  # it is incomplete
@@ -158,10 +161,10 @@ def parse_table(
         raise FileFormatError(
             f"the end line is missing after line {len(lines)}; the file is truncated."
         )
-    interrupted = "" if end else KILLED_REASON
+    interruption_reason = "" if end else KILLED_REASON
     if lines and lines[-1].startswith(_INTERRUPTED):
-        interrupted = lines.pop().removeprefix(_INTERRUPTED)
-    # Parse the rows below the header.
+        interruption_reason = lines.pop().removeprefix(_INTERRUPTED)
+    # Parse the rows below the header, which is in comments.
     head = list(itertools.takewhile(lambda line: line.startswith("# "), lines))
     if len(head) == len(lines):
         raise FileFormatError("there is no line of column names; the file is damaged.")
@@ -177,7 +180,7 @@ def parse_table(
         )
     # Start with an empty line, so that errors count lines as the file does.
     header = "\n".join(["", *(line.removeprefix("# ") for line in head[1:])])
-    return Table(header, columns, interrupted)
+    return Table(header, columns, interruption_reason)
 
 
 def _check_first_line(line: str, kind: str) -> None:

@@ -134,14 +134,15 @@ SIGNALS = {
 
 
 def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> list[Panel]:
-    """Return Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
+    """Return the panels of Fig. 5: bend angle, temperatures and duty of a plan and its rollouts.
 
-    The first recording of connected limbs has `connected_panels` before them. Time counts from
-    the start of the plan. Plans are dashed; the legend says whether
-    the rollouts were simulated, emulated or recorded. Several recordings are drawn as their
-    mean and the band of 95%, mean ± 1.96 standard deviations, at the sample times of the
-    first. Each segment has its own three panels. A segment that bends in space has one more for
-    its second bend, and at the end one of both bends over each other.
+    Each segment has its own three panels. A segment that bends in space has one more for its second
+    bend, and a panel at the end that draws one bend over the other. If limbs are connected, the
+    `connected_panels` of the first recording come first.
+
+    Time counts from the start of the plan. Plans are dashed; the legend says whether the rollouts
+    were simulated, emulated or recorded. Several recordings are drawn as their mean and a band of
+    95%, mean ± 1.96 standard deviations, at the sample times of the first.
 
     Args:
         trajectory: the plan.
@@ -157,7 +158,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
     last_duty_time = trajectory.time[-2]
 
     def rollouts(signal: str, row: int, wire: str, color: str) -> list[Curve]:
-        """Return the mean of all rollouts with its band; none without rollouts."""
+        """Return the curve of the rollouts' mean with its band, in a list; [] without rollouts."""
         if not recordings:
             return []
         samples = [_in_unit(signal, getattr(recording, signal)[row]) for recording in recordings]
@@ -180,7 +181,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
     # Draw the paths of bends in space.
     layout = trajectory.model.layout
     for bend in np.flatnonzero(layout.bend_direction):
-        # The panels of heat and duty of each segment before come between the bends.
+        # In the list, each segment has two panels, of heat and of duty, after its bends.
         index = bend + 2 * layout.bend_segment[bend]
         panels.append(_path_panel(panels[index - 1], panels[index]))
     connected_part = connected_panels(recordings[0]) if recordings else []

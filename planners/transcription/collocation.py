@@ -142,29 +142,37 @@ class MotionDefects:
         return [middle_state, middle_force, all_forces, residuals]
 
     def _set_jacobian_pattern(self) -> None:
-        """Set the places of `jacobian`'s nonzeros: rows of θ, and of θ̇ by motion and heat."""
-        n, P, num_intervals = self._n, self._points.shape[1], len(self._time_steps)
-        # Columns of a knot by which accelerations have slopes.
+        """Set the sparsity pattern of `jacobian`: the rows and columns of its nonzeros.
+
+        The pattern of one interval has the rows of the defects (2n) and the columns of z (2P + 1),
+        in which the second knot begins at P, and the time step is at 2P.
+        """
+        n = self._n
+        P = self._points.shape[1]
+        num_intervals = len(self._time_steps)
+        # Find the columns of p = [θ, θ̇, x] by which the accelerations at a knot have derivatives.
         rows, columns = self._dynamics.by_state.slope_places
         self._moving_columns, places = np.unique(columns, return_inverse=True)
-        self._slopes = rows, places
-        # Columns of z, except the motion, by which rows of θ̇ have slopes.
+        self._slope_entries = rows, places  # of the nonzeros, in an array of these columns alone
+        # Find the columns of z, except the motion, by which the rows of θ̇ have derivatives.
         by_force = np.append(self._heat, 2 * P)[self._middle_force.slope_places[1]]
         at_knots = self._moving_columns[2 * n :]
         by_heat = {*by_force.tolist(), *at_knots.tolist(), *(P + at_knots).tolist()}
         if self._is_free:
             by_heat.add(2 * P)
         self._by_heat = np.array(sorted(by_heat), int)
-        # The dense blocks of rows and columns of one interval, in the order of `jacobian`.
+        # List the dense blocks of one interval as (rows, columns), in the order of `jacobian`.
         motion = np.arange(2 * n)
-        each = np.arange(n)
+        rows_of_angles = np.arange(n)
+        rows_of_rates = n + rows_of_angles
         blocks = [
-            (each, np.r_[self._moving_columns, P + self._moving_columns]),
-            (n + each, np.r_[motion, P + motion]),
-            (n + each, self._by_heat),
+            (rows_of_angles, np.r_[self._moving_columns, P + self._moving_columns]),
+            (rows_of_rates, np.r_[motion, P + motion]),
+            (rows_of_rates, self._by_heat),
         ]
         if self._is_free:
-            blocks.append((each, np.array([2 * P])))
+            blocks.append((rows_of_angles, np.array([2 * P])))
+        # Place these entries for all intervals: rows as in `evaluate`, columns as the program's.
         grids = [np.array(np.meshgrid(*block, indexing="ij")).reshape(2, -1) for block in blocks]
         self._entry_pairs = rows, columns = np.hstack(grids)
         self.rows = (rows[:, None] * num_intervals + np.arange(num_intervals)).ravel()
@@ -211,7 +219,7 @@ class MotionDefects:
         # The scaled accelerations by what moves them, (n, ..., K) at the knots and in the middle.
         mobility = -self._on_rates @ np.linalg.inv(mass)
         slopes = np.zeros((len(places), n, len(self._moving_columns)))
-        slopes[:, *self._slopes] = self._dynamics.by_state.slopes(places, accelerations)
+        slopes[:, *self._slope_entries] = self._dynamics.by_state.slopes(places, accelerations)
         slopes = np.moveaxis(mobility @ slopes, 0, -1)
         first, second, middle = slopes[..., : K - 1], slopes[..., 1:K], slopes[..., K:]
 

@@ -91,32 +91,34 @@ class PlanProgram:
         self.task = task or Task()
         self.wires = self.model.wires
         self._layout = self.model.layout
-        # Variables, and the cost (15) of the angles.
+        # Add the variables, which set ``prog``, and the cost (15) of the angles.
         self._add_variables()
         self.heat = self.indices(self._heat)
         self.duty = self.indices(self._duty)
         self._add_time()
         self._add_cost()
-        # The initial state (16), and (18)-(20).
+        # Add the initial state (16), whose value `update` sets, and the bounds (18)-(20).
         prog = self.prog
         self._initial = prog.AddBoundingBoxConstraint(0.0, 0.0, self._start)
         self._warm_up = self._add_wires(measured_margin, limit_weight)
-        # Limits of the motion.
+        # Limit the bend rates, and fix the last bends if the task asks to reach them.
         self._add_rate_limits(self._rate_limits())
         if self.task.reach:
             end = np.zeros(len(self._to_bends))
             self._end = prog.AddLinearConstraint(self._to_bends, end, end, self._tracked[-1])
+        # Scale the variables of the knots.
         for variables, scale in zip(self._of_knots.T, self._scales, strict=True):
             for variable in variables if scale != 1.0 else ():
                 prog.SetVariableScaling(variable, scale)
-        # The dynamics (17), and the terms of the task's own.
+        # Make the blocks of the dynamics (17).
         self._heat_block = self._make_heat_block()
         self.blocks = self._make_blocks()
-        before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
+        # Let the task add constraints and costs, and find which these are.
+        own_terms = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
             self.task.customize(self)
-        self.added = [b for b in prog.GetAllConstraints() if b not in before]
-        self.added_costs = [b for b in prog.GetAllCosts() if b not in before]
+        self.added = [b for b in prog.GetAllConstraints() if b not in own_terms]
+        self.added_costs = [b for b in prog.GetAllCosts() if b not in own_terms]
 
     def _add_variables(self) -> None:
         """Add the decision variables, and set the attributes that select from them."""
@@ -205,9 +207,12 @@ class PlanProgram:
         return self._angle_weights * (x[self.indices(self._tracked)] - self._angle_targets)
 
     def set_free_readings(self, x: np.ndarray) -> None:
-        """Set the ``free_readings`` in all decision variables, from the first V and (17).
+        """Set the ``free_readings`` so that their defects (17) are zero, from V at the first knot.
 
-        The defects of an interval are affine in V at its first and at its second knot.
+        The defect of an interval is affine in V at its first knot and V at its second knot.
+
+        Args:
+            x: values of all decision variables, which are changed in place.
         """
         num_knots, num_readings = self.free_readings.shape
         if not num_readings:
@@ -220,7 +225,8 @@ class PlanProgram:
             rows = self._heat_block.evaluate(x)
             return rows.reshape(num_knots - 1, -1)[:, -num_readings:]
 
-        # Find A and B by ones at every other knot.
+        # Find the derivatives of each defect by V at its first and at its second knot (K - 1, W):
+        # set V to 1 °C at the odd knots, then at the even knots.
         is_odd = np.arange(num_knots) % 2
         at_zero = defects(np.zeros(num_knots))
         by_odd = defects(is_odd) - at_zero
@@ -228,7 +234,7 @@ class PlanProgram:
         starts_odd = is_odd[:-1, None] == 1
         by_first = np.where(starts_odd, by_odd, by_even)
         by_second = np.where(starts_odd, by_even, by_odd)
-        # Solve for V, knot by knot.
+        # Solve each defect for V at its second knot, knot by knot.
         offsets = -at_zero / by_second
         factors = -by_first / by_second
         readings = [first_readings]
@@ -274,9 +280,13 @@ class PlanProgram:
         return terms
 
     def active_knots(self, x: np.ndarray) -> dict[str, np.ndarray]:
-        """Return whether the ``added`` constraints of a name are at a bound at the knots (K,)."""
+        """Return, by name, the knots (K,) at which constraints of ``customize`` are at a bound.
+
+        Args:
+            x: values of all decision variables of the plan.
+        """
         scales = scales_of_variables(self.prog)
-        knot_of = self._knots_of_variables()
+        knot_of = self._knots_of_variables()  # index of the knot; -1 for none
         active = {}
         for name, bindings in group_by_name(self.added).items():
             active[name] = np.zeros(len(self.times), bool)
@@ -284,7 +294,8 @@ class PlanProgram:
                 indices = np.array(self.prog.FindDecisionVariableIndices(binding.variables()))
                 at_bounds = variables_at_bounds(binding, x[indices], scales[indices])
                 knots = knot_of[indices[at_bounds]]
-                # Time steps belong to no knot: a limit of the duration is about all knots.
+                # Time steps belong to no knot: a limit of them alone, such as of the duration, is
+                # active at all knots.
                 is_about_all = len(knots) > 0 and knots.max() < 0
                 active[name][slice(None) if is_about_all else knots[knots >= 0]] = True
         return active
@@ -586,10 +597,12 @@ def add_soft_bounds(
     Returns:
         The binding of the bounds.
     """
+    # Add an excess of at least 0 over each upper bound, then one below each lower bound.
     signs = [-1.0] if lower is None else [-1.0, 1.0]
     excess = prog.NewContinuousVariables(len(variables) * len(signs), "excess")
     prog.AddLinearCost(np.full(len(excess), weight), 0.0, excess)
     prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
+    # The bounds hold for the variables - upper excess + lower excess.
     A = scipy.sparse.kron([[1.0, *signs]], scipy.sparse.identity(len(variables)), "csc")
     if lower is None:
         lower = np.full(len(variables), -np.inf)

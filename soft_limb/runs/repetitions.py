@@ -122,7 +122,13 @@ def make_rested_robots(
     trajectory: Trajectory,
     live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
-    """Return a function that waits for cool wires and returns the robot on a port."""
+    """Return a function for `repeat` that waits for cool wires and returns the robot on a port.
+
+    Args:
+        port: port of the robot's board, or ports of its boards.
+        trajectory: the plan to repeat; wires are cool when they are as cold as at its start.
+        live: page that shows the readings while the wires cool; None for no page.
+    """
     announce = live.say if live else lambda _: None
 
     def rested_robot() -> LimbSystem:
