@@ -5,6 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from limb_systems.errors import LimbError
 from limb_systems.law_functions import check_symbols
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
@@ -91,9 +92,17 @@ class Wires:
         V = ca.SX.sym("V", self.num_wires)
         D = ca.SX.sym("D", self.num_wires)
         q = ca.SX.sym("q", mechanics.layout.num_joints)
-        rates, reading_rates = self._state_heat(x, V, D)
+        try:
+            rates, reading_rates = self._state_heat(x, V, D)
+            force = self._state_force(x, q)
+        except (RuntimeError, TypeError) as error:  # of CasADi, as for an if
+            kinds = ", ".join(dict.fromkeys(type(law).__name__ for law in laws))
+            reason = str(error).strip().rstrip(".")
+            raise LimbError(
+                f"The wires' law ({kinds}) takes no symbols: {reason}. Write it with arithmetic and "
+                "smooth functions, such as tanh, and without branches."
+            ) from error
         heat_rates = ca.vertcat(rates, reading_rates)
-        force = self._state_force(x, q)
         self.symbolic_heat = ca.Function("heat", [x, V, D], [heat_rates])
         self.symbolic_force = ca.Function("force", [x, q], [force])
         check_smooth(self.symbolic_heat)

@@ -236,6 +236,14 @@ class BranchLaw(LinearLaw):
 
 
 @dataclasses.dataclass
+class ComparingLaw(LinearLaw):
+    """A lab's law with a branch that symbols refuse."""
+
+    def rates(self, x, D, T0):
+        return super().rates(x, D if x[0] > -40.0 else 0.0, T0)
+
+
+@dataclasses.dataclass
 class MaximumLaw(LinearLaw):
     """A lab's law with a function that numpy has for arrays and symbols, and is not smooth."""
 
@@ -275,6 +283,8 @@ class SwitchedLaw(LinearLaw):
 def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
     with pytest.raises(LimbError, match="BranchLaw gives other values with symbols"):
         Limb(limb_with(BranchLaw))
+    with pytest.raises(LimbError, match=r"law \(ComparingLaw\) takes no symbols: .* truth value"):
+        Limb(limb_with(ComparingLaw))
     Limb(limb_with(SwitchedLaw))
     with pytest.raises(LimbError, match="SwitchedLaw gives other values with symbols"):
         Limb(limb_with(functools.partial(SwitchedLaw, cooling="uneven")))
