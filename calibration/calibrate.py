@@ -151,12 +151,11 @@ class Calibration(Summarized):
     @property
     def estimates(self) -> dict[str, Estimate]:
         """All calibrated quantities by their names in the parameters."""
-        return {
-            name: dataclasses.replace(estimate, standard_error=float(np.sqrt(variance)))
-            for (name, estimate), variance in zip(
-                self._estimates.items(), np.diag(self.covariance), strict=True
-            )
-        }
+        estimates = {}
+        standard_errors = np.sqrt(np.diag(self.covariance)).tolist()
+        for name, error in zip(self._estimates, standard_errors, strict=True):
+            estimates[name] = dataclasses.replace(self._estimates[name], standard_error=error)
+        return estimates
 
     @functools.cached_property
     def _estimates(self) -> dict[str, Estimate]:
@@ -222,18 +221,20 @@ class Calibration(Summarized):
             ("kept", "sag", kept_text, self.stiffness or "stiffness" in self.estimates),
             ("kept", "ring-down", kept_text, self.damping),
         ]
-        remarks = [
-            Remark(kind, f"There is no usable recording of {what}: {meaning}.")
-            for kind, what, meaning, fit_or_none in possibly_lacking
-            if not fit_or_none
-        ]
+        remarks = []
+        for kind, motion, meaning, fit_or_none in possibly_lacking:
+            if not fit_or_none:
+                sentence = f"There is no usable recording of {motion}: {meaning}."
+                remarks.append(Remark(kind, sentence))
         for kind in () if self.prediction else heated_kinds(self.parameters):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only one was used."
                 remarks.append(Remark("unused", sentence))
         validation = None if self.plan_miss else self.validation
         fits = validation, self.stiffness, self.damping, self.prediction, *self.heat, *self.force
-        remarks += [remark for fit in (*fits, self.plan_miss) if fit for remark in fit.remarks]
+        for fit in (*fits, self.plan_miss):
+            if fit:
+                remarks += fit.remarks
         if self.stiffness and self._further_sag:
             k = self.stiffness.stiffness
             share = k.standard_error / k.value
@@ -378,11 +379,10 @@ def calibrate(
             validation = validation_of(prediction.parts, limb)
         limb.validate()
     # Put the result together, and refuse it if it is no better than the mean.
-    sources = {
-        kind: [recording.source for recording in by_kind[kind]]
-        for kind in all_kinds(limb)
-        if by_kind.get(kind)
-    }
+    sources = {}
+    for kind in all_kinds(limb):
+        if by_kind.get(kind):
+            sources[kind] = [recording.source for recording in by_kind[kind]]
     calibration = Calibration(
         limb, ambient, stiffness, damping, prediction, heat, force, validation, sources, left_out
     )
@@ -441,12 +441,11 @@ def _load_usable(
     usable_by_kind = select_usable(source, described, whole=by_paper)
     left_out += usable_by_kind.left_out
     # Cut heated recordings in pieces, and restore rows that the logger lost.
-    kinds = [*heated_kinds(described), *(() if by_paper else FREE_KINDS)]
-    recordings, pieces = (
-        {kind: [with_lost_rows(r) for r in group] for kind, group in groups.items()}
-        for groups in (usable_by_kind.recordings, usable_by_kind.heated)
-    )
-    heated = {kind: pieces.get(kind, []) for kind in kinds}
+    recordings = _with_lost_rows(usable_by_kind.recordings)
+    pieces = _with_lost_rows(usable_by_kind.heated)
+    heated = {}
+    for kind in (*heated_kinds(described), *(() if by_paper else FREE_KINDS)):
+        heated[kind] = pieces.get(kind, [])
     # The method of the paper needs a plane, a recording and a thermocouple of each wire.
     if by_paper:
         if only_segment(described).axes > 1:
@@ -454,11 +453,12 @@ def _load_usable(
                 "The paper's method is one for limbs that bend in a plane; calibrate this one with "
                 "method prediction."
             )
-        if missing := [wire for wire in described.wire_names if not heated[wire]]:
-            raise CalibrationError(
-                f"There is no recording with only the {missing[0]} wire heated; its heat transfer "
-                "and force cannot be told."
-            )
+        for wire in described.wire_names:
+            if not heated[wire]:
+                raise CalibrationError(
+                    f"There is no recording with only the {wire} wire heated; its heat transfer "
+                    "and force cannot be told."
+                )
         for index, wire in enumerate(described.wire_names):
             if not any(recording.has_thermocouple[index] for recording in heated[wire]):
                 raise CalibrationError(
@@ -479,6 +479,11 @@ def _load_usable(
         limb.payload = mounting.payload
     limb.calibration = None  # until this one is done
     return recordings, heated, limb, described
+
+
+def _with_lost_rows(recordings: RecordingsByKind) -> dict[str, list[Recording]]:
+    """Return recordings by kind, each `with_lost_rows`."""
+    return {kind: list(map(with_lost_rows, group)) for kind, group in recordings.items()}
 
 
 def _fit_if_possible(
@@ -538,14 +543,13 @@ def _fit_heat_bounds(
     limb: LimbParameters, recordings: Sequence[Recording], described: LimbParameters
 ) -> None:
     """Give the wires bounds for the board; none to wires of a kind that boards do not accept."""
-    beginnings = map(before_missing, recordings)
     highest_cold = limb.ambient_temperature + COLD_MARGIN
-    cold_starts = [
-        beginning
-        for beginning in beginnings
-        if len(beginning.time) >= MIN_SAMPLES
-        and not (beginning.measured_temperature[:, :1] >= highest_cold).any()
-    ]
+    # Take the beginnings of recordings whose wires were cold at the start.
+    cold_starts = []
+    for beginning in map(before_missing, recordings):
+        is_warm = (beginning.measured_temperature[:, 0] >= highest_cold).any()
+        if len(beginning.time) >= MIN_SAMPLES and not is_warm:
+            cold_starts.append(beginning)
     with contextlib.suppress(LimbError):
         for wire, bounds in zip(limb.wires, fit_heat_bounds(cold_starts, described), strict=True):
             wire.heat_bounds = bounds

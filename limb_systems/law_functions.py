@@ -88,7 +88,10 @@ def check_symbols(law: WireLaw) -> None:
         return _law_function(law, "rates and torque", all_values, len(law.states) + 2, (0.0, 1.0))
 
     # A word or a switch may choose other equations, which numbers hardly do.
-    switches = [(name, each) for name, each in vars(law).items() if not isinstance(each, float)]
+    switches = []
+    for field in dataclasses.fields(law):  # type: ignore[arg-type]
+        if not isinstance(field.default, float):
+            switches.append(getattr(law, field.name))
     if isinstance(build_once(("checked", type(law), repr(switches)), build), NumericFunction):
         raise LimbError(
             f"{type(law).__name__} gives other values with symbols than with numbers, as laws with "

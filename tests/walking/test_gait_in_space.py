@@ -205,7 +205,7 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
     course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
     pose, visited = np.zeros(3), []
     course[1], course[4:7] = 0, pose  # it does not begin from cold
-    for _ in range(85):  # 72 are enough
+    for _ in range(110):  # 94 are enough, as gaits with a margin of temperature are short
         x, y, turn = list(gaits.values())[int(course[2])].displacement * [0.7, 0.7, 0.8]
         if course[1] != course[2]:
             x, y, turn = 0.5 * x, y + 8e-3, 0.5 * turn
