@@ -150,7 +150,7 @@ class _Signals:
             if wire.temperature:
                 self.readings[index] = _temperatures(table, wire.temperature, wire.unit, mapping)
             elif wire.duty:
-                self.remarks.append(f"The {wire.name} wire's thermocouple is not in this log.")
+                self.remarks.append(f"The mapping has no temperature of the {wire.name} wire.")
         # Begin where the bend is seen, unless a wire is heated before.
         is_bent = ~np.isnan(bends).any(axis=0)
         first = int(np.argmax(is_bent))

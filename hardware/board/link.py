@@ -218,7 +218,7 @@ class SerialPort(Closeable):
             if "Could not configure port" in reason:
                 reason = "it is no serial port"
             raise HardwareError(
-                f"Cannot open {port}: {reason}; soft-limb status lists those of this computer."
+                f"Cannot open {port}: {reason}; soft-limb status lists this computer's ports."
             ) from error
 
     def send(self, data: bytes) -> None:
@@ -264,7 +264,9 @@ def check_port_exists(port: str) -> None:
     Opening a port resets some boards.
     """
     if "://" not in port and not Path(port).exists():
-        raise HardwareError(f"There is no port {port}; soft-limb status lists those there are.")
+        raise HardwareError(
+            f"There is no port {port}; soft-limb status lists this computer's ports."
+        )
 
 
 def _error_text(error: Exception) -> str:

@@ -31,7 +31,7 @@ def read_bytes(
             if len(data := file.read(largest + 1)) <= largest:
                 return data
     except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        raise error_type(f"Cannot read the {file_kind}: {error}.") from error
+        raise _unreadable(path, file_kind, error, error_type) from error
     raise _too_large(path, file_kind, largest, error_type)
 
 
@@ -49,13 +49,21 @@ def check_file(
             with open(path, "rb"):
                 pass
     except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        raise error_type(f"Cannot read the {file_kind}: {error}.") from error
+        raise _unreadable(path, file_kind, error, error_type) from error
     # Refuse other things than files, and files that are too large.
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
         raise error_type(f"Cannot read the {file_kind}: {path} is {kind}, but must be a file.")
     if status.st_size > largest:
         raise _too_large(path, file_kind, largest, error_type)
+
+
+def _unreadable(
+    path: str | os.PathLike, file_kind: str, error: Exception, error_type: type[LimbError]
+) -> LimbError:
+    """Return the error for a file that cannot be opened, or a path that no file can have."""
+    reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else error
+    return error_type(f"Cannot read the {file_kind}: {reason}.")
 
 
 def _too_large(

@@ -41,8 +41,7 @@ def _sweep(options: argparse.Namespace) -> int:
         seeds=options.seeds,
     )
     # Run them.
-    num_runs = f"{len(cases)} run{'s' * (len(cases) > 1)}"
-    print_duration(f"some seconds for each of {num_runs}, {options.jobs} at a time")
+    print_duration(f"some seconds for a run ({len(cases)} in all), {options.jobs} at a time")
     with Progress("sweep", len(cases), "runs") as progress:
         rows = sweep(
             cases,

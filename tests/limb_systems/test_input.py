@@ -33,6 +33,8 @@ def test_devices_pipes_and_folders_are_refused_at_once(refused, pipe):
             load(pipe.parent)
         with refused(LimbError, "Cannot read", "null"):
             load("a\0b")
+        with refused(LimbError, f": {pipe.parent}/none: No such file or directory."):
+            load(pipe.parent / "none")
 
 
 def test_files_beyond_the_limit_are_refused_unread(refused, tmp_path):

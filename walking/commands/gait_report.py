@@ -37,7 +37,8 @@ def gait_verdict(gait: Gait) -> str:
     spread = gait.check.spread
     shares = simulation.strides
     text += (
-        f" Checked: simulated with contact over {len(shares)} cycles, {cycle_noun} are "
+        f" Checked: simulated with contact over {len(shares)} cycle{'s' * (len(shares) > 1)}, "
+        f"{cycle_noun} are "
         f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
     )
     if simulation.aside:

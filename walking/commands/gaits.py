@@ -124,8 +124,9 @@ def _plan(options: argparse.Namespace) -> int:
     request.validate(robot, schedules[0])
 
     # Plan, and report schedules that gave no gait.
-    num_schedules = f"{len(schedules)} schedule{'s' * (len(schedules) > 1)}"
-    print_duration(f"some seconds for each of {num_schedules}, and five to twenty to check one")
+    print_duration(
+        f"some seconds to plan a schedule ({len(schedules)} in all), five to twenty to check one"
+    )
     request = dataclasses.replace(request, explain=len(schedules) == 1)
     try_schedule = functools.partial(_try_schedule, robot, request)
     gait, refused = _best_gait(schedules, try_schedule, spread=not options.quick)
