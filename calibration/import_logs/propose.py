@@ -197,7 +197,9 @@ class Columns:
         if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
             return likely
         if stems:
-            self.ask("like columns", f"wires[0].{role}", similar, role=role)
+            wires = self.limb.wire_names if role == DUTY else ["heated"]
+            for index, wire in enumerate(wires):
+                self.ask("like columns", f"wires[{index}].{role}", similar, role=role, wire=wire)
         return ColumnList()
 
     # Duty.
@@ -215,7 +217,7 @@ class Columns:
         self.duties.sort(key=lambda column: column.name.order)
         self.free = self.free.without(self.duties)
         if not self.duties:
-            if not self.questions or self.questions[-1].field != "wires[0].duty":
+            if "wires[0].duty" not in [question.field for question in self.questions]:
                 likely = self.columns.having("looks_like_heat", True)
                 self.ask("no duty", "wires[0].duty", likely)
             self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
@@ -305,6 +307,14 @@ class Columns:
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
         if not self.duties:
+            # Names alone decide, as no heat is known.
+            for index, wire in enumerate(self.wires):
+                label = Name(wire.name, self.dictionary).label
+                named = self.temperatures.having("name.label", label)
+                if len(named) == 1:
+                    wire.temperature = named[0].text
+                elif self.temperatures:
+                    self._ask_temperature(index, self.temperatures)
             return
         # Find the thermocouples that clearly warm with each wire.
         unpaired = ColumnList(self.temperatures)
@@ -386,7 +396,10 @@ class Columns:
         wire.unit = units.pop() if is_known else UNKNOWN
         kind = "named thermocouple" if contradiction else "thermocouple"
         field = f"wires[{index}].temperature"
-        self.ask(kind, field, dict.fromkeys(choices), duty=wire.duty, reason=contradiction)
+        heated_wire = f"wire that {wire.duty} heats"
+        if wire.duty == UNKNOWN:
+            heated_wire = f"{wire.name} wire"
+        self.ask(kind, field, dict.fromkeys(choices), wire=heated_wire, reason=contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the only possible one."""

@@ -463,7 +463,11 @@ def cases(truth):
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
         ("warmed by the other wire", "T_right_C is a temperature of no wire"),
-        ("controlled things", r"^which of wire_left and wire_right .* Names do not tell$"),
+        (
+            "controlled things",
+            r"^which of wire_left and wire_right is .* left wire.* duty of the right wire.*"
+            r"thermocouple of the left wire, T1 and T2.*of the right wire, T1 and T2",
+        ),
         ("mixed units", "unit of T_left: C, F or K"),
         ("named rad", "degrees is a unit of bend_deg"),
         ("frames", "the frames in frame"),
