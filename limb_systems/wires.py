@@ -99,8 +99,8 @@ class Wires:
             kinds = ", ".join(dict.fromkeys(type(law).__name__ for law in laws))
             reason = str(error).strip().rstrip(".")
             raise LimbError(
-                f"The wires' law ({kinds}) takes no symbols: {reason}. Write it with arithmetic and "
-                "smooth functions, such as tanh, and without branches."
+                f"The wires' law ({kinds}) takes no symbols: {reason}. Write it with arithmetic "
+                "and smooth functions, such as tanh, and without branches."
             ) from error
         heat_rates = ca.vertcat(rates, reading_rates)
         self.symbolic_heat = ca.Function("heat", [x, V, D], [heat_rates])
