@@ -58,7 +58,7 @@ MUTANTS = [
     ("heat-must-show", "heat", "* LITTLE_DUTY >= MIN_DETECTABLE_RISE", "* LITTLE_DUTY >= 0.1"),
     ("no-sum", "guard", "0.0 < total <= len", "0.0 <= total <= len"),
     ("heat-must-show", "guard", "0.0 < total <= len(self.duty)", "0.0 < total"),
-    ("bounds-must-be-whole", "firmware", "or protocol.checksum(parts) != expected", ""),
+    ("bounds-must-be-whole", "firmware", "or protocol.checksum(frames) != expected", ""),
     ("duty-goes-to-its-wire", "firmware", "in values[3:]]", "in values[:2:-1]]"),
     ("sum", "guard", "if total > self._total", "if total > 2.0"),
     ("acknowledges-the-last-command", "firmware", "subject.acknowledged]", "subject._samples]"),
