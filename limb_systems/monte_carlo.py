@@ -86,7 +86,7 @@ def stack_limbs(
         The law with fields (B, 1, W), T0 (B,), °C, and the rubber of `OpenLoop.simulate`.
 
     Raises:
-        ParameterError: if laws are of several classes.
+        ParameterError: if laws are of several classes, or differ in a word.
     """
     segments = [limb.segments[0] for limb in limbs]
     # Stack the fields of the laws, all of one class.
@@ -98,10 +98,19 @@ def stack_limbs(
         names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
         raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
     (law_type,) = law_types
-    fields: dict[str, np.ndarray] = {}
+    fields: dict[str, Any] = {}
     for field in dataclasses.fields(law_type):
         values = [getattr(law, field.name) for law in laws]
-        fields[field.name] = np.reshape(values, (len(limbs), 1, -1))
+        if not isinstance(values[0], str):
+            fields[field.name] = np.reshape(values, (len(limbs), 1, -1))
+            continue
+        # A word chooses the equations, which are the same for all wires.
+        if len(words := sorted(set(values))) > 1:
+            raise ParameterError(
+                f"The laws of the wires have several words for {field.name}, "
+                f"{' and '.join(words)}; use one for all."
+            )
+        fields[field.name] = values[0]
     # Stack the properties of the rubber.
     properties = ["stiffness", "rest_angle"]
     if any(segment.stiffening for segment in segments):

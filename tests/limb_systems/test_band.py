@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from limb_systems import CalibrationRecord, band
+from limb_systems import CalibrationRecord, LimbError, LinearLaw, band
 
 DEVIATION = 0.05  # of a2, relative
 
@@ -55,3 +55,27 @@ def test_the_band_of_a_linear_limb_follows_from_its_one_parameter(uncertain):
 
 def test_there_is_no_band_of_a_limb_that_was_not_calibrated(fig5_plan):
     assert band(fig5_plan) is None
+
+
+@dataclasses.dataclass
+class WordLaw(LinearLaw):
+    """A lab's law, of which a word chooses the equations."""
+
+    cooling: str = "still"
+
+    def rates(self, x, D, T0):
+        return LinearLaw.rates(self, x, D if self.cooling == "fan" else 0.0, T0)
+
+
+def test_a_law_with_a_word_has_the_band_of_its_equations(uncertain):
+    """And wires of one limb have one word."""
+    limb = copy.deepcopy(uncertain.parameters)
+    for wire in limb.wires:
+        wire.law = WordLaw(**vars(wire.law), cooling="fan")
+    of_words = band(dataclasses.replace(uncertain, parameters=limb))
+    expected = band(uncertain)
+    np.testing.assert_allclose(of_words.bend_angle, expected.bend_angle, rtol=1e-9)
+    np.testing.assert_allclose(of_words.highest_readings, expected.highest_readings, rtol=1e-9)
+    limb.wires[0].law.cooling = "still"
+    with pytest.raises(LimbError, match="several words for cooling, fan and still; use one"):
+        band(dataclasses.replace(uncertain, parameters=limb))
