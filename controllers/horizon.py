@@ -267,7 +267,8 @@ class HorizonProgram(QuasiStaticProgram):
 
     def solve_for_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
         """Return the best duty (K, W) of the model linearized along heats (K + 1, H) and duty."""
-        solution = self.linearized.solve(self._points(heats[:, None], duty[None])[:, 0])
+        point = self._points(heats[:, None], duty[None])[:, 0]
+        solution = self.linearized.solve(point, with_multipliers=False)
         if solution is None:
             return None
         return np.clip(solution.x[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)

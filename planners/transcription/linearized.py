@@ -9,6 +9,7 @@ from pydrake.solvers import (
     ClarabelSolver,
     LinearEqualityConstraint,
     MathematicalProgram,
+    MathematicalProgramResult,
     SolverOptions,
 )
 
@@ -63,7 +64,9 @@ class LinearizedProgram:
         self._bounds = self._prog.AddBoundingBoxConstraint(-free, free, variables)
         self._equations = self._prog.AddConstraint(equations, variables)
 
-    def solve(self, x: np.ndarray, is_start: bool = False) -> Solution | None:
+    def solve(
+        self, x: np.ndarray, *, is_start: bool = False, with_multipliers: bool = True
+    ) -> Solution | None:
         """Return the solution with the blocks linearized about x; None if infeasible.
 
         Variables that nothing depends on keep their values in x.
@@ -71,10 +74,13 @@ class LinearizedProgram:
         Args:
             x: all decision variables.
             is_start: whether it is the start of another program, and need not be accurate.
+            with_multipliers: whether the multipliers are needed; Drake takes some ms for them.
         """
         started = time.perf_counter()
         # Linearize the blocks.
-        rows = [b.rows + first for b, first in zip(self._blocks, self._num_rows, strict=False)]
+        rows = []
+        for block, first_row in zip(self._blocks, self._num_rows[:-1], strict=True):
+            rows.append(first_row + block.rows)
         columns = [block.columns for block in self._blocks]
         slopes = [block.jacobian(x) for block in self._blocks]
         places = np.concatenate(rows), np.concatenate(columns)
@@ -95,11 +101,6 @@ class LinearizedProgram:
             return None
         solution = x.copy()
         solution[self._is_used] = result.get_x_val()
-        # Drake's multipliers are slopes of the cost by the bounds: those of IPOPT, negative.
-        in_order = [self._equations, *self._linear]
-        of_rows = [-result.GetDualSolution(binding) for binding in in_order]
-        of_bounds = np.zeros(len(x))
-        of_bounds[self._is_used] = -result.GetDualSolution(self._bounds)
         return Solution(
             x=solution,
             cost=result.get_optimal_cost(),
@@ -107,5 +108,14 @@ class LinearizedProgram:
             solve_time=time.perf_counter() - started,
             solver="Clarabel",
             status="solved",
-            multipliers=(np.concatenate(of_rows), of_bounds * scales_of_variables(self._whole)),
+            multipliers=self._multipliers(result) if with_multipliers else None,
         )
+
+    def _multipliers(self, result: MathematicalProgramResult) -> tuple[np.ndarray, np.ndarray]:
+        """Return the multipliers of a `Solution`, of the constraints and of the bounds."""
+        # Drake's multipliers are slopes of the cost by the bounds: those of IPOPT, negative.
+        in_order = [self._equations, *self._linear]
+        of_rows = [-result.GetDualSolution(binding) for binding in in_order]
+        of_bounds = np.zeros(len(self._is_used))
+        of_bounds[self._is_used] = -result.GetDualSolution(self._bounds)
+        return np.concatenate(of_rows), of_bounds * scales_of_variables(self._whole)
