@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.smooth_function import SmoothFunction, build_once
+from limb_systems.smooth_function import SmoothFunction, build_once, check_smooth
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
 NUM_PROBES = 100  # points at which symbols are compared with numbers
@@ -87,7 +87,7 @@ def check_symbols(law: WireLaw) -> None:
     def build() -> SmoothFunction | NumericFunction:
         return _law_function(law, "rates and torque", all_values, len(law.states) + 2, (0.0, 1.0))
 
-    # A word or a switch may choose other equations, which numbers hardly do.
+    # A word or a switch may choose other equations. Numbers are expected not to.
     switches = []
     for field in dataclasses.fields(law):  # type: ignore[arg-type]
         if not isinstance(field.default, float):
@@ -206,8 +206,9 @@ def _law_function(
         # Use symbols if they agree with the numbers of one wire after the other.
         with contextlib.suppress(Exception):  # of any kind: a law may do anything with symbols
             point = ca.SX.sym("x", probes.shape[1])
-            function = SmoothFunction(of_rows(point, lambda values: ca.vertcat(*values)), point)
-            function.check_smooth()
+            values = of_rows(point, lambda values: ca.vertcat(*values))
+            check_smooth(ca.Function("law", [point], [values]))
+            function = SmoothFunction(values, point)
             if _agree(function.values(probes), expected):
                 return function
         # Use numbers, of all wires at once if that agrees.

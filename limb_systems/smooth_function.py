@@ -318,10 +318,6 @@ class SmoothFunction:
     def curvature_places(self) -> np.ndarray:
         return _places(self._hessian)
 
-    def check_smooth(self) -> None:
-        """Raise LimbError if the function uses an operation that is not smooth."""
-        check_smooth(ca.Function("function", [self._point, *self._parameters], [self._values]))
-
     def bound(self, points: np.ndarray, values: np.ndarray) -> Callable[[], None]:
         """Return a function that evaluates points (P, n) from an array into values (Q, n).
 
