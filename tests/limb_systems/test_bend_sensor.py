@@ -19,7 +19,7 @@ from limb_systems.statics import static_equilibrium
 SENSORS = (TipTangentSensor(), ChordSensor())
 
 
-def shown(sensor, angles):
+def apparent_bend(sensor, angles):
     """The bend that a sensor shows of the paper's segment, () or (K,), rad."""
     return sensor.apparent_bends(SegmentParameters(links=len(angles)).chain, angles)[0]
 
@@ -30,12 +30,12 @@ def test_sensors_agree_for_constant_curvature():
             limb = LimbParameters(segments=[SegmentParameters(links=links)])
             for bend in (-0.7, 0.0, 0.02, 0.7):
                 angles = joint_angles_from_bend_angle(limb, [bend])
-                assert shown(sensor, angles) == pytest.approx(bend, abs=1e-14)
+                assert apparent_bend(sensor, angles) == pytest.approx(bend, abs=1e-14)
 
 
 def ratio(angles) -> float:
     """α/2 over the chord's angle."""
-    tangent, chord = (shown(sensor, angles) for sensor in SENSORS)
+    tangent, chord = (apparent_bend(sensor, angles) for sensor in SENSORS)
     return float(tangent / chord)
 
 
@@ -60,26 +60,30 @@ def test_first_mode_of_a_cantilever_has_688_thousandths():
 def test_sensors_add_gain_and_offset_and_correction_removes_them():
     for kind in [TipTangentSensor, ChordSensor]:
         sensor, angles = kind(gain=1.1, offset=0.05), np.array([0.1, 0.08, 0.05, 0.02, 0.01])
-        exact = shown(kind(), angles)
-        assert shown(sensor, angles) == pytest.approx(1.1 * exact + 0.05)
-        assert sensor.corrected_bends(shown(sensor, angles)[np.newaxis]) == pytest.approx(exact)
+        exact = apparent_bend(kind(), angles)
+        assert apparent_bend(sensor, angles) == pytest.approx(1.1 * exact + 0.05)
+        assert sensor.corrected_bends(apparent_bend(sensor, angles)[np.newaxis]) == pytest.approx(
+            exact
+        )
 
 
 def test_many_samples_are_as_one_by_one_and_derivatives_as_differences():
     for sensor in SENSORS:
         samples = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 3))
-        one_by_one = [shown(sensor, sample) for sample in samples.T]
-        np.testing.assert_allclose(shown(sensor, samples), one_by_one)
+        one_by_one = [apparent_bend(sensor, sample) for sample in samples.T]
+        np.testing.assert_allclose(apparent_bend(sensor, samples), one_by_one)
         angles, step = samples[:, 0], 1e-6
-        gradient = ExtractGradient(np.array([shown(sensor, InitializeAutoDiff(angles)[:, 0])]))[0]
+        gradient = ExtractGradient(
+            np.array([apparent_bend(sensor, InitializeAutoDiff(angles)[:, 0])])
+        )[0]
         for joint in range(5):
             moved = angles + step * np.eye(5)[joint]
-            slope = (shown(sensor, moved) - one_by_one[0]) / step
+            slope = (apparent_bend(sensor, moved) - one_by_one[0]) / step
             assert gradient[joint] == pytest.approx(slope, abs=1e-5)
 
 
 def test_a_chord_sensor_reads_the_bend_angle_of_the_limb():
     angles = np.random.default_rng(1).uniform(-0.5, 0.5, (5, 4))
     np.testing.assert_array_equal(
-        shown(ChordSensor(), angles), bend_angle(LimbParameters(), angles)[0]
+        apparent_bend(ChordSensor(), angles), bend_angle(LimbParameters(), angles)[0]
     )
