@@ -62,10 +62,10 @@ class LimbMechanics:
         self.damping = np.zeros(layout.num_joints)
         self.rest_angles = np.zeros(layout.num_joints)
         for segment, chain, joints in zip(segments, self.chains, layout.joints_of, strict=True):
-            ratios = np.array([*map(segment.joint_ratios.get, chain.kinds)])
+            ratios = np.array([segment.joint_ratios[kind] for kind in chain.kinds])
             self.stiffness[joints] = ratios * segment.stiffness
             self.damping[joints] = ratios * segment.damping
-            self.rest_angles[joints] = [*map(segment.joint_rest_angles.get, chain.kinds)]
+            self.rest_angles[joints] = [segment.joint_rest_angles[kind] for kind in chain.kinds]
 
         # Set the levers of the wires and the shape of each bend.
         self.levers = np.zeros((layout.num_joints, layout.num_wires))
