@@ -206,7 +206,6 @@ class DutyCorrection:
             return self._solve_program(candidate, predicted, errors, cooler)
 
         # Solve linearized programs, and step towards their solutions while the cost falls.
-
         step = backtracking_step((1.0, 0.5, 0.25, 0.1), cost_of)
         return descend(
             correction, cost_of(correction), solve, step, MAX_TANGENTS, MIN_COST_REDUCTION

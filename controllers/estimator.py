@@ -237,7 +237,7 @@ class Estimator:
         bend_angle: np.ndarray,
         known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
-        """Return a packed estimate after `correct`, or `begin` if it is NaN."""
+        """Return a packed estimate after `correct`, with its arguments, or `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
         return self.correct(self.unpack(vector), readings, bend_angle, known_offset)
@@ -253,13 +253,16 @@ class Estimator:
         bend_angle: np.ndarray,
         known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
-        """Return the estimate after readings, as for `begin`, as far as they are believed.
-
-        Bends from outside that are known (F,), rad, need not be estimated, and do not count.
+        """Return the estimate after readings, as far as they are believed.
 
         A thermocouple that reads hotter than expected is believed beyond the gate, too, because a
         wrong estimate must not overheat a wire: its wire is taken to be so much hotter. After a
         jump, the reading has to stay for a while first. It is believed when it jumps back.
+
+        Args:
+            estimate: the estimate before these readings.
+            readings, bend_angle: as for `begin`.
+            known_offset: bends from outside that are known (F,), rad, and are not estimated.
         """
         model = self.model
         W = model.num_wires

@@ -58,7 +58,7 @@ def _add_link(model, link, joint, negligible_mass: float) -> None:
     element = SubElement(model, "link", name=link.get("name"))
     if joint is not None:
         SubElement(element, "pose", relative_to=joint.get("name"))
-    # Add the inertia, which is zero if the link has none, and its mass negligible.
+    # Add the inertia. A link without one gets the negligible mass, and no moments.
     inertial = link.find("inertial")
     sdf_inertial = SubElement(element, "inertial")
     mass = f"{negligible_mass:g}"

@@ -114,11 +114,11 @@ class PlanProgram:
         self._heat_block = self._make_heat_block()
         self.blocks = self._make_blocks()
         # Let the task add constraints and costs, and find which these are.
-        own_terms = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
+        terms_before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
             self.task.customize(self)
-        self.added = [b for b in prog.GetAllConstraints() if b not in own_terms]
-        self.added_costs = [b for b in prog.GetAllCosts() if b not in own_terms]
+        self.added = [b for b in prog.GetAllConstraints() if b not in terms_before]
+        self.added_costs = [b for b in prog.GetAllCosts() if b not in terms_before]
 
     def _add_variables(self) -> None:
         """Add the decision variables, and set the attributes that select from them."""

@@ -320,6 +320,7 @@ class QuasiStaticProgram(PlanProgram):
         solution = self.linearized.solve(self._holding(), is_start=True)
         if solution is None:
             return None
+        # Let the initial heat, the readings and the bends be those of the program itself.
         x = solution.x
         x[self.heat[0]] = self._initial_heat
         self.set_free_readings(x)
