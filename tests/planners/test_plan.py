@@ -339,6 +339,16 @@ def test_clarabel_and_ipopt_solve_the_start_with_the_same_multipliers():
         np.testing.assert_allclose(found, expected, atol=0.02 * np.abs(expected).max())
 
 
+def test_the_start_of_a_limb_whose_bend_is_not_linear_obeys_the_program():
+    model = LimbModel(LimbParameters(gravity=[9.81, 0.0, 0.0], payload=0.02))
+    times = np.linspace(0.0, 24.0, 61)
+    program = QuasiStaticProgram(model, times, model.statics, Task.paper())
+    program.update(np.deg2rad(25.0) * np.sin(times / 2)[None], np.full(4, 25.0), 20.0)
+    x = program.linear_start().x
+    for block in program.blocks:
+        np.testing.assert_allclose(block.evaluate(x), block.lower, atol=1e-4)
+
+
 @pytest.fixture
 def planner():
     """A planner of 12 s; no bound of readings V is below what they may come to."""
