@@ -165,7 +165,7 @@ def _law_function(
     """Return a function of the points of a law, see `law_points`.
 
     Args:
-        law: with fields that are arrays, of which the names count.
+        law: law whose arrays give only their names to the function, and no values.
         kind: name of the function.
         statement: the function by law, heat, T0, input, and how its values are joined.
         num_values: number of its values.

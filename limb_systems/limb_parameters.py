@@ -24,7 +24,7 @@ from limb_systems.wire_laws.wire_law import WireLaw
 
 FORMAT = 2  # of the YAML file
 MAX_SEGMENTS, MAX_JOINTS = 50, 500
-# Share of its torque by which a wire bends the limb in its plane, at least.
+# The least share of a wire's torque that bends the limb in its plane.
 MIN_IN_PLANE_SHARE = 0.01
 MAX_USUAL_DENSITY = 4.0  # relative to water; filled silicone has 2
 

@@ -176,7 +176,7 @@ class OpenLoop:
     Args:
         duty: its mean over each step (K, R, W), in [0, 1].
         step: s.
-        segment: the segment, of which links and directions of wires count.
+        segment: the segment; only its links and the directions of its wires count.
         lengths: number of steps of each run (R,); K if None.
     """
 

@@ -54,7 +54,7 @@ def limb_sdf(
 
 
 def _add_link(model, link, joint, negligible_mass: float) -> None:
-    """Add a link, in the frame of the joint of which it is the child, if there is one."""
+    """Add a link, in the frame of the joint that carries it, or of the model if joint is None."""
     element = SubElement(model, "link", name=link.get("name"))
     if joint is not None:
         SubElement(element, "pose", relative_to=joint.get("name"))

@@ -114,7 +114,7 @@ def _number_format(duty_max: int) -> str:
 
 
 def _formatted_rows(columns: np.ndarray, row_format: str) -> list[str]:
-    """Return the text of each row of columns (C, K) by a format of its C numbers."""
+    """Return the text of each of the K rows of columns (C, K), in a format of C numbers."""
     text = io.StringIO()
     np.savetxt(text, columns.T, row_format)
     return text.getvalue().splitlines()

@@ -27,7 +27,7 @@ START_OPTIONS: dict[str, Any] = {
 
 
 class LinearizedProgram:
-    """A program whose ``cheap_blocks`` are linearized.
+    """A program whose ``cheap_blocks``, or ``blocks`` if there are none, are linearized.
 
     It shares the costs and the linear constraints with the program, so that an update of the
     program updates both. Variables that nothing depends on, such as fixed time steps, are left out.
@@ -113,7 +113,7 @@ class LinearizedProgram:
 
     def _multipliers(self, result: MathematicalProgramResult) -> tuple[np.ndarray, np.ndarray]:
         """Return the multipliers of a `Solution`, of the constraints and of the bounds."""
-        # Drake's multipliers are slopes of the cost by the bounds: those of IPOPT, negative.
+        # Drake's multipliers are derivatives of the cost by the bounds; IPOPT has the other sign.
         in_order = [self._equations, *self._linear]
         of_rows = [-result.GetDualSolution(binding) for binding in in_order]
         of_bounds = np.zeros(len(self._is_used))
