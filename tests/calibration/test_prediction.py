@@ -163,10 +163,13 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     assert np.rad2deg(away[:, 0]).mean() < 0.1
 
 
-@pytest.mark.parametrize(("step", "level"), [(0.5, 0.3), (4.0, 0.9)])
-def test_sets_near_the_first_are_simulated_by_its_derivatives(step, level):
+@pytest.mark.parametrize(
+    ("kind", "step", "level"),
+    [(HystereticLaw, 0.5, 0.3), (HystereticLaw, 4.0, 0.9), (CoupledLaw, 0.5, 0.3)],
+)
+def test_sets_near_the_first_are_simulated_by_its_derivatives(kind, step, level):
     """Against each set alone, in runs of two lengths; long steps reach the bounds of memories."""
-    law = HystereticLaw()
+    law = kind()
     law.a2 = np.array([[[21.0]], [[21.01]], [[21.0]]]) * np.ones(2)
     law.width = np.array([[[9.0]], [[9.0]], [[9.01]]]) * np.ones(2)
     duty = np.zeros((80, 2, 2))
@@ -174,7 +177,7 @@ def test_sets_near_the_first_are_simulated_by_its_derivatives(step, level):
     duty[30:, 1] = level / 1.5
     open_loop = OpenLoop(duty, step, SEGMENT, [80, 50])
     start = [np.full((3, 2, 2), value) for value in [*law.cold_states(AMBIENT), AMBIENT]]
-    start[3][1] = 1e-3
+    start[list(law.states).index("xi")][1] = 1e-3
     rubber = {"stiffness": np.full(3, 0.12), "rest_angle": np.zeros(3)}
     ambient = np.full((3, 2), AMBIENT)
     exact, linear = (

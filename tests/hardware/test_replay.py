@@ -72,6 +72,9 @@ def test_what_no_limb_does_is_left_out_of_tracking_errors(fig5_plan):
     assert tracking_errors(fig5_plan, [spoilt]) == errors
     with pytest.raises(LimbError, match="no recorded samples"):
         tracking_errors(fig5_plan, [])
+    late = dataclasses.replace(spoilt, time=spoilt.time + fig5_plan.duration + 1.0)
+    with pytest.raises(LimbError, match="no recorded samples"):
+        tracking_errors(fig5_plan, [late])
 
 
 def test_a_plan_that_must_not_be_replayed_on_a_limb_is_refused(fig5_plan, two_segments):

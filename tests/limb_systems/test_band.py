@@ -41,6 +41,8 @@ def test_the_band_of_a_linear_limb_follows_from_its_one_parameter(uncertain):
         expected = 2.6 * np.hypot(DEVIATION * warmth, form)
         np.testing.assert_allclose(actual[left], expected, rtol=sampled)
         np.testing.assert_allclose(actual[right], 2.6 * form, rtol=1e-9)
+    highest = planned(uncertain.measured_temperature)[right].max()
+    assert around.highest_readings[right] - highest == pytest.approx(2.6 * form, rel=0.05)
 
     segment = uncertain.parameters.segments[0]
     by_left = 3.0 * segment.wire("left").law.beta / segment.stiffness  # (5 + 1) / 2 joints

@@ -12,6 +12,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.simulation import make_simulator
+from urdf import robot_urdf
 from walking import BodyParameters, Robot, RobotParameters
 
 COLD = np.zeros(4)
@@ -116,6 +117,7 @@ def test_a_robot_sinks_into_its_feet_by_their_stiffness():
         heights.append(recording.body_pose[1, -1])
     on_each = 0.5 * -weight(robot)[1]
     assert heights[1] - heights[0] == pytest.approx(on_each / 200 - on_each / 400, rel=2e-3)
+    assert f'relaxation_time value="{2.0 / 400.0:g}"' in robot_urdf(robot)
     robot.feet.stiffness = 20.0
     with pytest.raises(LimbError, match=r"presses its feet in by 12\.3 mm, more than the 6 mm"):
         robot.validate()
