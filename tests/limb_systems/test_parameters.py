@@ -168,6 +168,25 @@ def test_file_that_is_no_limb_is_refused_by_name(refused, tmp_path):
             LimbParameters.load(missing)
 
 
+def test_a_missing_sign_or_a_wrong_unit_is_pointed_out():
+    limb = LimbParameters()
+    assert limb.plausibility_warnings() == []
+    segment = limb.segments[0]
+    segment.mass *= 1000.0
+    (heavy,) = limb.plausibility_warnings()
+    assert "times the water" in heavy
+    segment.mass /= 1000.0
+    for sign, side in ((1.0, ">"), (-1.0, "<")):
+        for wire in segment.wires:
+            wire.e2 = sign * abs(wire.e2)
+        (one_sided,) = limb.plausibility_warnings()
+        assert f"run on the same side (e2 {side} 0)" in one_sided
+    space = LimbParameters.in_space(wires=3)
+    space.segments[0].wires[0].e2 *= -1.0
+    (gap,) = space.plausibility_warnings()
+    assert "none can bend it towards 0° from +E2" in gap
+
+
 def test_every_field_is_documented():
     for schema in (LimbParameters, SegmentParameters, WireParameters, TemperatureLimits):
         for field in dataclasses.fields(schema):
