@@ -248,8 +248,8 @@ def test_the_end_of_a_program_does_not_wait_for_a_frozen_page():
     page._socket = mock.Mock()
     page._process = mock.Mock(stdin=os.fdopen(writer, "wb"), poll=lambda: None)
     with warnings.catch_warnings(action="error"):
-        page.end(10_000 * "too hot ")
-    assert os.read(reader, 100_000).decode().startswith("too hot too hot")
+        page.end("\udcff.csv: " + 10_000 * "too hot ")  # the name of a file is no UTF-8
+    assert os.read(reader, 100_000).decode().startswith("?.csv: too hot too hot")
     os.close(reader)
 
 
