@@ -190,7 +190,12 @@ class Estimator:
         self._template = self.begin(np.full(W, np.nan), np.full(F, np.nan))
         self.nothing = np.full_like(pack(self._template), np.nan)
 
-    def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
+    def begin(
+        self,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
+    ) -> StateEstimate:
         """Return the estimate for a limb at rest, whose silicone is as warm as its wires.
 
         A small error of the first bend is attributed to the sensor's drift and the rest angle's
@@ -199,6 +204,7 @@ class Estimator:
         Args:
             readings: V (W), °C; NaN where there is none.
             bend_angle: readings of the bend sensors (F), rad; NaN where there is none.
+            known_offset: bends from outside that are known (F,), rad, and do not count.
         """
         W = self.model.num_wires
         F = self.model.num_bends
@@ -213,7 +219,7 @@ class Estimator:
         lasting[:] = self._rest_error
         bend, C = self._measurement_model(heat)
         variances = ((C[W:] * deviations) ** 2).sum(axis=1) + self._reading_variances[W:]
-        off = np.abs(self._without_sensor_errors(bend_angle) - bend)
+        off = np.abs(self._without_sensor_errors(bend_angle) - known_offset - bend)
         lasting[off > UNLOADED_DEVIATIONS * np.sqrt(variances)] = INITIAL_BEND
         return StateEstimate(
             heat,
@@ -239,7 +245,7 @@ class Estimator:
     ) -> StateEstimate:
         """Return a packed estimate after `correct`, with its arguments, or `begin` if it is NaN."""
         if np.isnan(vector).any():
-            return self.begin(readings, bend_angle)
+            return self.begin(readings, bend_angle, known_offset)
         return self.correct(self.unpack(vector), readings, bend_angle, known_offset)
 
     def unpack(self, vector: np.ndarray) -> StateEstimate:
@@ -261,8 +267,7 @@ class Estimator:
 
         Args:
             estimate: the estimate before these readings.
-            readings, bend_angle: as for `begin`.
-            known_offset: bends from outside that are known (F,), rad, and are not estimated.
+            readings, bend_angle, known_offset: as for `begin`.
         """
         model = self.model
         W = model.num_wires
