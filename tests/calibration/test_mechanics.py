@@ -187,11 +187,17 @@ def test_known_loads_tell_the_stiffness_of_a_limb_that_hardly_sags(loads):
 
 
 def test_a_payload_is_chosen_where_a_limb_hardly_sags_and_more_is_asked_for_while_k_is_unknown():
-    for limb in (short_limb(), short_limb(stiffness=1.0), short_limb(bend_sensor=ChordSensor())):
+    loaded = short_limb()
+    loaded.payload = 0.002
+    stiff = short_limb(stiffness=1.0)
+    for limb in (short_limb(), stiff, short_limb(bend_sensor=ChordSensor()), loaded):
         load = sag_payload(limb)
-        sag = np.rad2deg(reading_at_rest(mounted(limb, load), limb.segments[0].bend_sensor))
+        total = limb.payload + load
+        sag = np.rad2deg(reading_at_rest(mounted(limb, total), limb.segments[0].bend_sensor))
         assert -18.0 < sag < -12.0
-        assert f"with {1000 * load:.3g} g at the tip (payload: {load:g}" in further_sag(limb, None)
+        text = further_sag(limb, None)
+        assert f"with {1000 * load:.3g} g at the tip" in text
+        assert f"(payload: {total:g} in its header)" in text
     assert sag_payload(LimbParameters()) == 0.0  # which sags by 6.7° of α/2
     assert "record the sag under gravity, to one" in further_sag(LimbParameters(), None)
     assert "g at the tip" in further_sag(LimbParameters(), Estimate(0.12, 0.01, ""))
