@@ -340,6 +340,21 @@ def test_a_code_for_no_reading_is_a_number_if_readings_are_as_large(tmp_path, tr
     assert log.limb.mapping.missing == ["-127.0"]
 
 
+def test_numbers_that_no_sensor_reads_lead_to_no_question(tmp_path, cases):
+    names, columns = cases["control"]
+    columns = list(columns)
+    row = np.arange(len(columns[0]))
+    columns[3] = np.where(row % 20 == 3, 0.0, columns[3])
+    columns[5] = np.where(row % 50 == 9, 1e12, columns[5])
+    (log,) = import_logs([write(tmp_path / "log.csv", names.split(), columns)])
+    assert log.limb.questions == []
+
+
+def test_the_only_column_of_numbers_is_the_bend_where_nothing_is_heated(tmp_path, truth):
+    path = write(tmp_path / "log.csv", ["time_s", "x"], [truth.time, np.rad2deg(truth.bend)])
+    assert import_logs([path])[0].limb.mapping.bend.column == "x"
+
+
 def test_points_that_trackers_have_lost_have_no_direction():
     """Trackers repeat the last place of a point, or write 0, 0."""
     base = np.array([[50.0], [50.0]]) + np.zeros(20)

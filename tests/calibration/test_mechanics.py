@@ -31,6 +31,7 @@ from calibration.paper_method.mechanics import (
     with_ringing,
 )
 from calibration.recordings.at_rest import rest_angles
+from calibration.recordings.repair import select_samples
 from calibration.remarks import Severity
 from hardware import LimbTwin
 from limb_systems import (
@@ -152,6 +153,20 @@ def test_stiffness_of_limbs_that_rest_bent_or_seem_to(rests_at, offset, known, d
     assert abs(k.value - truth) < 1.96 * k.standard_error < 0.6 * truth
     alone = fit_stiffness(start, [sag]).stiffness
     assert k.standard_error == pytest.approx(np.sqrt(2) * alone.standard_error, rel=0.05)
+
+
+def test_a_limb_that_was_warm_at_the_start_shows_its_rest_angle_when_it_has_cooled():
+    time = np.arange(1200) / 10
+    warmth = np.where(time < 20.0, 30.0, 30.0 * np.exp((20.0 - time) / 10.0))
+    cooled = unheated(np.deg2rad(7.0 + warmth), 10.0)
+    duty = np.array([0.2 * (time < 15.0), np.zeros(1200)])
+    cooled = dataclasses.replace(
+        cooled, duty=duty, measured_temperature=cooled.measured_temperature + warmth
+    )
+    (rest,) = rest_angles([cooled], 25.0)
+    assert np.rad2deg(rest.value) == pytest.approx(7.0, abs=0.1)
+    hot = select_samples(cooled, time < 60.0)  # the wires may still be warm
+    assert rest_angles([hot], 25.0)[0].value == 0.0
 
 
 def short_limb(**segment) -> LimbParameters:
