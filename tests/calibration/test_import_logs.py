@@ -15,7 +15,7 @@ from calibration.import_logs import log_signals as reading
 from calibration.import_logs import table
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping
-from calibration.import_logs.points import link_directions
+from calibration.import_logs.points import is_clamped_at_first_point, link_directions
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 from soft_limb.command import main
 
@@ -366,6 +366,16 @@ def test_points_that_trackers_have_lost_have_no_direction():
     expected = np.rad2deg(np.arctan2(50.0 - tip[1, seen], 50.0))
     np.testing.assert_allclose(directions[seen], expected)
     assert np.isnan(np.delete(directions, seen)).all()
+
+
+def test_links_of_an_even_bend_turn_less_if_the_first_point_is_before_the_base():
+    curvature = np.linspace(0.1, 0.9, 9)
+    length = np.array([[0.0], [0.5], [1.0]])
+    x = np.sin(curvature * length) / curvature
+    y = (1.0 - np.cos(curvature * length)) / curvature
+    assert is_clamped_at_first_point(x, y)
+    x[0] = -0.5
+    assert not is_clamped_at_first_point(x, y)
 
 
 def moments(truth, form):
