@@ -350,6 +350,26 @@ def test_numbers_that_no_sensor_reads_lead_to_no_question(tmp_path, cases):
     assert log.limb.questions == []
 
 
+@pytest.mark.parametrize(("time_constant", "asks"), [(30.0, False), (400.0, True)])
+def test_a_thermocouple_that_cools_too_slowly_before_the_heat_may_have_an_offset(
+    tmp_path, cases, time_constant, asks
+):
+    """In a short log: its wire seems to be 15 °C warmer than the other one at the start."""
+    names, columns = cases["control"]
+    kept = columns[0] < 40.0
+    rest = np.arange(0.0, 20.0, 1 / RATE)
+    signals = []
+    for column in columns:
+        signals.append(np.append(np.full(len(rest), column[0]), column[kept]))
+    signals[0] = np.append(rest, 20.0 + columns[0][kept])
+    signals[3] = signals[3] + 15.0 * np.exp(-signals[0] / time_constant)
+    (log,) = import_logs(
+        [write(tmp_path / "log.csv", names.replace("control", "pwm").split(), signals)]
+    )
+    asked = [question.text[:10] for question in log.limb.questions]
+    assert asked == (["unit of T1", "unit of T2"] if asks else [])
+
+
 def test_the_only_column_of_numbers_is_the_bend_where_nothing_is_heated(tmp_path, truth):
     path = write(tmp_path / "log.csv", ["time_s", "x"], [truth.time, np.rad2deg(truth.bend)])
     assert import_logs([path])[0].limb.mapping.bend.column == "x"
