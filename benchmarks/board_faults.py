@@ -90,7 +90,7 @@ def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
 
 
 def prepare(board: SimulatedBoard, noise: int) -> None:
-    """Add noise to the thermocouples, and waits until the board can be armed."""
+    """Add noise to the thermocouples, and wait until the board can be armed."""
     for name in board.parameters.wire_names:
         extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
         board.emulation.inject_fault(f"jitter {name} {extra}")

@@ -190,7 +190,12 @@ class Estimator:
         self._template = self.begin(np.full(W, np.nan), np.full(F, np.nan))
         self.nothing = np.full_like(pack(self._template), np.nan)
 
-    def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
+    def begin(
+        self,
+        readings: np.ndarray,
+        bend_angle: np.ndarray,
+        known_offset: np.ndarray | float = 0.0,
+    ) -> StateEstimate:
         """Return the estimate for a limb at rest, whose silicone is as warm as its wires.
 
         A small error of the first bend is attributed to the sensor's drift and the rest angle's
@@ -199,6 +204,7 @@ class Estimator:
         Args:
             readings: V (W), °C; NaN where there is none.
             bend_angle: readings of the bend sensors (F), rad; NaN where there is none.
+            known_offset: bends from outside that are known (F,), rad, and do not count.
         """
         W = self.model.num_wires
         F = self.model.num_bends
@@ -213,7 +219,7 @@ class Estimator:
         lasting[:] = self._rest_error
         bend, C = self._measurement_model(heat)
         variances = ((C[W:] * deviations) ** 2).sum(axis=1) + self._reading_variances[W:]
-        off = np.abs(self._without_sensor_errors(bend_angle) - bend)
+        off = np.abs(self._without_sensor_errors(bend_angle) - known_offset - bend)
         lasting[off > UNLOADED_DEVIATIONS * np.sqrt(variances)] = INITIAL_BEND
         return StateEstimate(
             heat,
@@ -239,7 +245,7 @@ class Estimator:
     ) -> StateEstimate:
         """Return a packed estimate after `correct`, or `begin` if it is NaN."""
         if np.isnan(vector).any():
-            return self.begin(readings, bend_angle)
+            return self.begin(readings, bend_angle, known_offset)
         return self.correct(self.unpack(vector), readings, bend_angle, known_offset)
 
     def unpack(self, vector: np.ndarray) -> StateEstimate:
@@ -253,9 +259,7 @@ class Estimator:
         bend_angle: np.ndarray,
         known_offset: np.ndarray | float = 0.0,
     ) -> StateEstimate:
-        """Return the estimate after readings, as for `begin`, as far as they are believed.
-
-        Bends from outside that are known (F,), rad, need not be estimated, and do not count.
+        """Return the estimate after readings and known bends, as for `begin`, if they are believed.
 
         A thermocouple that reads hotter than expected is believed beyond the gate, too, because a
         wrong estimate must not overheat a wire: its wire is taken to be so much hotter. After a

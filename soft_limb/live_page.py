@@ -188,7 +188,7 @@ class LivePage:
         self._socket.close()
         assert self._process.stdin
         try:
-            self._process.stdin.write(reason[:MAX_REASON_LENGTH].encode())
+            self._process.stdin.write(reason[:MAX_REASON_LENGTH].encode(errors="replace"))
             self._process.stdin.close()
         except OSError:
             died = True

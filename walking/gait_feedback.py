@@ -39,8 +39,7 @@ class GaitFeedback(PlanFeedback):
     Within a cycle the F bends of the limbs are to be φ̄ + a (φ* - φ̄), with φ̄ the mean of each
     planned bend over the cycle. Their errors e in the coming 0.5 s are predicted as by
     `PlanFeedback`, with the bends that the ground makes in the gait. Wires are held to the heat of
-    the gait's limit cycle. In addition errors beyond
-    1° are corrected:
+    the gait's limit cycle. In addition errors beyond 1° are corrected:
 
         D = D* + k (T* - T) / a2 + λ g,   bend rate by λ g = k_p (e - clip(e, -1°, 1°))
 
@@ -83,7 +82,7 @@ class GaitFeedback(PlanFeedback):
         """
         Args:
             gait: a gait that passed its check, or was not checked.
-            cycles: as for `walk`, about which it is.
+            cycles: number of cycles to walk, as for `walk`.
             parameters: description of all limbs together, of which gains and estimates are
                 made; the gait's if None.
 

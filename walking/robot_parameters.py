@@ -566,10 +566,10 @@ class RobotParameters(ConnectedLimbs):
 
     def signal_columns(self) -> dict[str, list[str]]:
         """Return the columns of ``body_pose`` and ``contact_force``, if the robot has them."""
-        columns = {}
-        if names := POSE_NAMES[self.body.mount]:
-            unit = {False: "m", True: "deg"}
-            columns["body_pose"] = [f"body_{name}_{unit[name in ANGLES]}" for name in names]
+        columns: dict[str, list[str]] = {}
+        for name in POSE_NAMES[self.body.mount]:
+            unit = "deg" if name in ANGLES else "m"
+            columns.setdefault("body_pose", []).append(f"body_{name}_{unit}")
         if self.ground:
             axes = "xz" if self.force_size == 2 else "xyz"
             columns["contact_force"] = [

@@ -22,11 +22,11 @@ from walking.in_mujoco import simulate_in_mujoco
 from walking.robot_parameters import RobotParameters
 
 FRICTION_ERROR = 0.5  # relative error that is expected of the description's friction
-EXPECTED_WARP = 1e-3  # m, that is expected
-START_WARPS = (-0.7, 0.7)  # of the warp, as multiples of the expected one
+EXPECTED_WARP = 1e-3  # m, standard deviation of the warp before the fit
+START_WARPS = (-0.7, 0.7)  # of the search, as multiples of the expected warp
 MAX_SIMULATIONS = 25  # from each start
-PLACE_ERROR = 5e-4
-TURN_ERROR = np.deg2rad(0.25)  # m and rad, of a pose that the model explains
+PLACE_ERROR = 5e-4  # m, of x and y of a pose that the model explains
+TURN_ERROR = np.deg2rad(0.25)  # rad, of its angles
 CURVATURE_STEP = 0.3  # of logarithm and multiple, over which the curvature of the cost is taken
 MIN_CURVATURE = 2.0  # of what is expected of the warp alone
 NUM_POSES = 20  # in a cycle, that count

@@ -122,8 +122,8 @@ def find_origins(files: Sequence[ResultFile]) -> dict[ResultFile, list[ResultFil
         inputs = []
         for origin in files:
             is_named = origin.path.name in names or origin.path.parent.name in names
-            is_older = origin is not file and _time_of(origin) <= _time_of(file)
-            if is_older and (is_named or _is_plan_of(origin, file)):
+            is_input = origin is not file and (is_named or _is_plan_of(origin, file))
+            if is_input and _time_of(origin) <= _time_of(file):
                 inputs.append(origin)
         # Take the limb or robot that the file is about.
         described = getattr(file.value, "robot", None) or getattr(file.value, "parameters", None)

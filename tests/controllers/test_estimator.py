@@ -186,6 +186,19 @@ def estimates(limb, recording, spoil=lambda k, V, phi: (V, phi)):
     return found
 
 
+def test_a_bend_that_is_known_is_no_payload():
+    limb = LimbParameters()
+    limb.calibration = CalibrationRecord(["rest_angle"], [0.0], [0.002], [[4e-6]])
+    estimator = Estimator(limb)
+    cold = np.full(2, 25.0)
+    known_offset = np.deg2rad([10.0])
+    known = estimator.read(estimator.nothing, cold, known_offset, known_offset)
+    unloaded = estimator.read(estimator.nothing, cold, np.zeros(1))
+    np.testing.assert_array_equal(known.covariance, unloaded.covariance)
+    payload = estimator.read(estimator.nothing, cold, known_offset)
+    assert np.trace(payload.covariance) > np.trace(unloaded.covariance)
+
+
 def bends(limb, found):
     model = Estimator(limb).model
     return np.rad2deg([model.bend_angle(estimate.heat) + estimate.offset for estimate in found])[

@@ -4,6 +4,7 @@ import asyncio
 import concurrent.futures
 import contextlib
 import dataclasses
+import html
 import http.client
 import math
 import os
@@ -24,6 +25,8 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from hardware import LimbTwin, SerialLimb, replay
+from hardware.board.link import Sample
+from hardware.firmware import guard
 from hardware.live_feed import Message, Reading, RunHeader
 from limb_systems import LimbParameters, Recording, Trajectory
 from planners import plan, references
@@ -186,6 +189,16 @@ def test_what_is_told_is_what_is_recorded(virtual_time, beginning):
         np.testing.assert_allclose(values, getattr(recording, name), atol=1e-9)
 
 
+def test_what_is_told_of_a_robot_has_the_samples_of_its_board(virtual_time, emulator, beginning):
+    told = Told()
+    limb = SerialLimb(emulator.port, beginning.parameters)
+    recording = replay(beginning, limb, live=told)
+    assert all(reading.sample.armed for reading in told.readings)
+    assert not any(reading.lost_samples for reading in told.readings)
+    applied = [reading.sample.duty[1] for reading in told.readings]
+    assert max(applied) == recording.applied_duty[1].max() > 0.0
+
+
 def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch, tmp_path, capsys):
     pages = []
     monkeypatch.setattr("soft_limb.runs.repetitions.REST_TIME", 1.0)
@@ -235,8 +248,8 @@ def test_the_end_of_a_program_does_not_wait_for_a_frozen_page():
     page._socket = mock.Mock()
     page._process = mock.Mock(stdin=os.fdopen(writer, "wb"), poll=lambda: None)
     with warnings.catch_warnings(action="error"):
-        page.end(10_000 * "too hot ")
-    assert os.read(reader, 100_000).decode().startswith("too hot too hot")
+        page.end("\udcff.csv: " + 10_000 * "too hot ")  # the name of a file is no UTF-8
+    assert os.read(reader, 100_000).decode().startswith("?.csv: too hot too hot")
     os.close(reader)
 
 
@@ -452,6 +465,22 @@ def test_alarms_say_which_wire_is_hot(motion):
             assert kind == expected_kind
             assert sentence.startswith(f"right: {temperature:.1f} °C, {word}")
             assert sentence in live_page.state(run)
+
+
+def test_the_page_says_whether_the_board_is_armed_and_else_why_not(motion):
+    run = Run(0)
+    run.begin(RunHeader("a limb", motion.parameters, 110.0, 20.0))
+    cold = np.zeros(2)
+    warmest = np.array([41.0, 52.0])
+    armed = Sample(0.0, 1, 1.0, 7, True, 0, 1, cold, np.zeros(1), cold, warmest)
+    reading = Reading(1.0, [0.0], [20.0] * 2, [0.0] * 2, sample=armed, lost_samples=3)
+    tell(run, reading)
+    assert "Armed: wires may be heated" in live_page.state(run)
+    for text in ("3 samples lost", "41", "52"):
+        assert text in live_page.facts(run)
+    off = dataclasses.replace(armed, armed=False, reason=guard.RESTARTED)
+    tell(run, dataclasses.replace(reading, sample=off))
+    assert f"Wires off: {off.reason_text}" in html.unescape(live_page.state(run))
 
 
 def test_a_page_that_does_not_start_is_said_before_anything_is_heated(

@@ -69,6 +69,8 @@ def test_runs_writes_a_page(folder, monkeypatch, capsys):
     }
     assert linked(cards["limb.yaml"], "led to") == ["day 1/plan.csv", "plan.csv"]
     assert re.findall(r'href="([^"#]+)"', cards["day 1/a.csv"]) == ["3d.html", "a.html"]
+    for key in ("day 1/b.csv", "plan.csv"):
+        assert not re.findall(r'href="([^"#]+)"', cards[key])  # no page was made with them
     assert '<a href="../plan.csv">plan.csv</a></h2>' in written
     assert 'aria-label="bend angle, -9 to 11°, over 4 s"' in cards["day 1/plan.csv"]
     assert written.count("<polyline") == 2 * 3 + 2 * 4  # plans have a reference

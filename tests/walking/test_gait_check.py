@@ -91,6 +91,13 @@ def test_find_fall_describes_each_kind_of_fall(gait, what, words):
     assert bool(fall) == bool(words)
 
 
+def test_a_fall_before_the_cycles_begin_is_in_the_warm_up(gait):
+    fallen = standing(gait, body_pose=(0.0, 0.005, 0.0))
+    fall, time = find_fall(fallen, gait, start=2.0)
+    assert fall == "its body comes to the ground in the warm-up"
+    assert time == 0.0
+
+
 def test_variations_are_of_friction_and_of_each_limb(gait):
     varied = dict(variations(gait.robot, seed=1))
     assert varied["friction x 0.7"].ground.friction == pytest.approx(0.7 * 0.3)

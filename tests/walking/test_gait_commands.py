@@ -9,12 +9,13 @@ import pytest
 from calibration import Calibration
 from calibration.estimate import Estimate
 from calibration.paper_method.mechanics import StiffnessFit
-from calibration.remarks import Remark
+from calibration.remarks import CalibrationError, Remark
 from limb_systems import CalibrationRecord, LimbParameters, Recording, SegmentParameters
 from soft_limb.command import main
 from walking import Gait, GaitVariation, RobotParameters, RobotTwin, gait_planning, walk
 from walking.gait_request import GaitRequest
 from walking.schedules import candidate_schedules
+from walking.strides import fit_strides
 
 from .conftest import quickened
 
@@ -62,9 +63,24 @@ def test_a_robot_walks_by_a_gait(crawl, tmp_path, capsys):
     begin, end = np.interp([start, recording.time[-1]], recording.time, recording.body_pose[0])
     assert said["strides"] == pytest.approx([end - begin], rel=1e-2)
     assert end - begin > 0.5 * gait.stride
-    assert main(["walk", words[1], "-o", str(tmp_path / "again.csv"), "--replan"]) == 1
-    message = capsys.readouterr().err
-    assert "--replan fits friction and the heights of feet of robots in space" in message
+
+
+def test_no_gait_is_planned_anew_without_strides_that_tell_of_feet(
+    checked_crawl, gait_in_space, tmp_path, capsys
+):
+    checked_crawl.save(tmp_path / "planar.csv")
+    gait_in_space.save(tmp_path / "space.csv")
+    for words, said in {
+        "planar.csv": "--replan fits friction and the heights of feet of robots in space",
+        "space.csv --port /dev/no_board": "--replan needs a camera that sees the body",
+        "space.csv --model": "--model is the robot as planned; leave out --replan",
+    }.items():
+        file, *options = words.split()
+        output = str(tmp_path / "walk.csv")
+        assert main(["walk", str(tmp_path / file), "-o", output, "--replan", *options]) == 1
+        assert said in capsys.readouterr().err
+    with pytest.raises(CalibrationError, match="in space alone, not in a plane"):
+        fit_strides(checked_crawl, None, 0.0, 2)
 
 
 def made_up_calibration() -> Calibration:

@@ -23,10 +23,10 @@ from walking import (
 from walking.gait_check import simulate_gait
 from walking.gait_set import load_gaits, save_gaits
 from walking.robot import set_positions
-from walking.schedules import parse_schedule
+from walking.schedules import candidate_schedules, format_schedule, parse_schedule
 from walking.walk_trajectory import walk
 from walking.walker import Walker
-from walking.wayfinder import STALLED, STALLED_CYCLES
+from walking.wayfinder import STALLED, STALLED_CYCLES, join_gaits
 
 from .conftest import contacts_of_intervals, quickened
 
@@ -188,6 +188,30 @@ def test_gait_feedback_is_refused_in_space(gaits):
 def test_goals_that_are_no_places_are_refused(gaits, goal):
     with pytest.raises(LimbError, match=r"goals\[1\] is .*; it must be x and y in m"):
         Wayfinder(gaits, [[0.1, 0.0, 0.0], goal])
+
+
+def test_feet_in_space_are_dragged_along_each_side_and_in_pairs_across():
+    """Feet in the order of their limbs: of four the rear and the front left, then the right."""
+    three, four = (
+        [format_schedule(schedule) for schedule in candidate_schedules(robot)]
+        for robot in (THREE, RobotParameters.in_space(4))
+    )
+    assert three == ["sds sss dss sss ssd sss", "sds sss ssd sss dss sss"]
+    assert four[0] == "dsss sdss ssds sssd"
+    assert four[4] == "dssd ssss sdds ssss"
+
+
+def test_each_part_of_a_joined_plan_leads_from_the_heat_of_one_gait_to_that_of_the_next(gaits):
+    both = [gaits["ahead"], gaits["left"]]
+    joined, starts, durations = join_gaits(both)
+    cold = np.full(9, THREE.as_single_limb.ambient_temperature)
+    for before, after in ((2, 0), (0, 0), (0, 1), (1, 0), (1, 1)):
+        begin = starts[before, after]
+        ends = np.array([begin, begin + durations[before, after]])
+        first, last = joined.interpolated(joined.wire_temperature, ends).T
+        heat_before = cold if before == 2 else both[before].wire_temperature[:, 0]
+        np.testing.assert_allclose(first, heat_before, atol=1e-6)
+        np.testing.assert_allclose(last, both[after].wire_temperature[:, 0], atol=0.5)
 
 
 @pytest.mark.whole
