@@ -14,7 +14,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from calibration.import_logs import clock, evidence, mapping, words
-from calibration.import_logs.columns import Column, ColumnList, read_columns
+from calibration.import_logs.columns import MAX_DUTY, Column, ColumnList, read_columns
 from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
@@ -23,7 +23,7 @@ from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
-FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, 65535.0)
+FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, MAX_DUTY)
 COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
@@ -487,10 +487,10 @@ class Columns:
             candidates = numbers.where(self._is_bent)
             if len(numbers) == 1 and not self.duties:
                 candidates = numbers
-        if not candidates:
-            likely = unnamed.where(self._is_bent)
-            self.ask("no bend", "bend.column", likely)
-            return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
+            if not candidates:
+                likely = unnamed.where(self._is_bent)
+                self.ask("no bend", "bend.column", likely)
+                return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
         if len(candidates) > 1:
             self.ask("bend", "bend.column", candidates)
             return BendColumns(UNKNOWN)

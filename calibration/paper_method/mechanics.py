@@ -116,7 +116,8 @@ def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
 def sag_payload(described: LimbParameters, min_own_sag: float = MIN_OWN_SAG) -> float:
     """Return the payload with which to record the sag of a planar limb, kg.
 
-    It is zero if the limb's own sag is large enough, and else bends the limb by some 15°.
+    It is zero if the limb's own sag is large enough, and else bends the limb by some 15°. It is
+    hung to the tip in addition to the payload that is described.
 
     Args:
         described: the limb, of one segment, with the stiffness that is expected of it.
@@ -145,7 +146,8 @@ def further_sag(limb: LimbParameters, stiffness: Estimate | None) -> str:
     if stiffness and stiffness.standard_error <= WELL_KNOWN_SHARE * stiffness.value:
         return ""
     load = sag_payload(limb, np.inf if stiffness else MIN_OWN_SAG)
-    by = f" with {1000 * load:.3g} g at the tip (payload: {load:g} in its header)" if load else ""
+    total = limb.payload + load
+    by = f" with {1000 * load:.3g} g at the tip (payload: {total:g} in its header)" if load else ""
     return f"record the sag under gravity{by}, to one side and to the other, which tells k"
 
 

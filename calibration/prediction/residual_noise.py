@@ -28,17 +28,16 @@ class ResidualNoise:
         memories: np.ndarray,
     ):
         self._blocks = rows.blocks
-        gaps = times[rows.blocks[0].stop :] - times[rows.before]
+        first = rows.blocks[0]  # of each signal, the longest first
+        later = slice(first.stop, None)
+        gaps = times[later] - times[rows.before]
         self._decays = np.ones((2, rows.count))  # since the sample before
-        self._decays[:, rows.blocks[0].stop :] = np.exp(
-            -gaps / memories[:, rows.sequence[rows.blocks[0].stop :]]
-        )
+        self._decays[:, later] = np.exp(-gaps / memories[:, rows.sequence[later]])
         self._gains = np.empty((2, rows.count))
         self._scales = np.empty(rows.count)
-        signals = rows.sequence[rows.blocks[0]]
-        variances = sizes[:, signals] ** 2
+        variances = sizes[:, rows.sequence[first]] ** 2
         processes = np.arange(2)
-        covariance = np.zeros((2, 2, len(signals)))
+        covariance = np.zeros((2, 2, first.stop))
         covariance[processes, processes] = variances
         for block in rows.blocks:
             # Forget since the sample before.

@@ -9,6 +9,7 @@ import warnings
 import numpy as np
 import pytest
 from loggers import logged
+from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import (
     CalibrationError,
@@ -29,7 +30,15 @@ from calibration.prediction.heated_run import HeatedRun
 from calibration.recordings.files import read_folder, select_usable
 from calibration.recordings.recording_checks import frozen_since
 from calibration.recordings.repair import select_samples
-from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    LinearLaw,
+    Recording,
+    SegmentParameters,
+    simulate,
+)
 from soft_limb.results.summaries import validation_summary
 
 SPRING = Estimate(0.1, 0.0, "N·m/rad")
@@ -332,3 +341,16 @@ def test_a_sensor_that_freezes_on_the_way_is_cut_there(emulated_folder):
         found = select_usable({"motion": [frozen]})
         assert found.heated["motion"][0].time[-1] < 25.0
         assert "repeats one reading" in str(found.left_out[0])
+
+
+def test_readings_that_repeat_at_rest_or_of_coarse_sensors_are_no_fault():
+    limb = LimbParameters(segments=[SegmentParameters(links=1, stiffness=0.0623)])
+    levels = [[0.0, 0.0, 0.0, 0.0], [0.0, 0.2, 0.0, 0.0]]
+    duty = PiecewisePolynomial.ZeroOrderHold([0.0, 2.0, 60.0, 200.0], levels)
+    recording = simulate(Limb(limb), duty, 200.0, sample_rate=10.0)
+    at_rest = 0.25 * np.round(recording.measured_temperature / 0.25)
+    assert (at_rest[1, -300:] == at_rest[1, -1]).all()
+    assert frozen_since(dataclasses.replace(recording, measured_temperature=at_rest)) is None
+    step = np.deg2rad(2.0)
+    coarse = step * np.round(recording.bend_angle / step)
+    assert frozen_since(dataclasses.replace(recording, bend_angle=coarse)) is None

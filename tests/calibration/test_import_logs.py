@@ -15,6 +15,7 @@ from calibration.import_logs import log_signals as reading
 from calibration.import_logs import table
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping
+from calibration.import_logs.points import is_clamped_at_first_point, link_directions
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 from soft_limb.command import main
 
@@ -327,6 +328,76 @@ def test_a_line_without_names_gives_no_names(tmp_path, truth):
     assert table.read_table(path, names_line=1).names == ["column_1", "column_2", "column_3"]
 
 
+def test_a_code_for_no_reading_is_a_number_if_readings_are_as_large(tmp_path, truth):
+    signed = np.round(254 * (truth.duty[0] - truth.duty[1]))
+    assert -127.0 in signed
+    columns = [truth.time, signed, *truth.temperature, np.rad2deg(truth.bend)]
+    names = ["time_s", "u", "T1", "T2", "bend_deg"]
+    (log,) = import_logs([write(tmp_path / "signed.csv", names, columns)])
+    assert log.limb.mapping.missing == []
+    columns[2] = np.where(np.arange(len(truth.time)) % 50 == 7, -127.0, columns[2])
+    (log,) = import_logs([write(tmp_path / "missing.csv", names, columns)])
+    assert log.limb.mapping.missing == ["-127.0"]
+
+
+def test_numbers_that_no_sensor_reads_lead_to_no_question(tmp_path, cases):
+    names, columns = cases["control"]
+    columns = list(columns)
+    row = np.arange(len(columns[0]))
+    columns[3] = np.where(row % 20 == 3, 0.0, columns[3])
+    columns[5] = np.where(row % 50 == 9, 1e12, columns[5])
+    (log,) = import_logs([write(tmp_path / "log.csv", names.split(), columns)])
+    assert log.limb.questions == []
+
+
+@pytest.mark.parametrize(("time_constant", "asks"), [(30.0, False), (400.0, True)])
+def test_a_thermocouple_that_cools_too_slowly_before_the_heat_may_have_an_offset(
+    tmp_path, cases, time_constant, asks
+):
+    """In a short log: its wire seems to be 15 °C warmer than the other one at the start."""
+    names, columns = cases["control"]
+    kept = columns[0] < 40.0
+    rest = np.arange(0.0, 20.0, 1 / RATE)
+    signals = []
+    for column in columns:
+        signals.append(np.append(np.full(len(rest), column[0]), column[kept]))
+    signals[0] = np.append(rest, 20.0 + columns[0][kept])
+    signals[3] = signals[3] + 15.0 * np.exp(-signals[0] / time_constant)
+    (log,) = import_logs(
+        [write(tmp_path / "log.csv", names.replace("control", "pwm").split(), signals)]
+    )
+    asked = [question.text[:10] for question in log.limb.questions]
+    assert asked == (["unit of T1", "unit of T2"] if asks else [])
+
+
+def test_the_only_column_of_numbers_is_the_bend_where_nothing_is_heated(tmp_path, truth):
+    path = write(tmp_path / "log.csv", ["time_s", "x"], [truth.time, np.rad2deg(truth.bend)])
+    assert import_logs([path])[0].limb.mapping.bend.column == "x"
+
+
+def test_points_that_trackers_have_lost_have_no_direction():
+    """Trackers repeat the last place of a point, or write 0, 0."""
+    base = np.array([[50.0], [50.0]]) + np.zeros(20)
+    tip = np.array([100.0, 50.0])[:, None] - [np.zeros(20), np.arange(20.0)]  # y points down
+    tip[:, 8:15] = tip[:, 8:9]
+    base[:, 18] = 0.0
+    (directions,) = link_directions([*base, *tip])
+    seen = [*range(13), 15, 16, 17, 19]  # the tip stands still for four rows at most
+    expected = np.rad2deg(np.arctan2(50.0 - tip[1, seen], 50.0))
+    np.testing.assert_allclose(directions[seen], expected)
+    assert np.isnan(np.delete(directions, seen)).all()
+
+
+def test_links_of_an_even_bend_turn_less_if_the_first_point_is_before_the_base():
+    curvature = np.linspace(0.1, 0.9, 9)
+    length = np.array([[0.0], [0.5], [1.0]])
+    x = np.sin(curvature * length) / curvature
+    y = (1.0 - np.cos(curvature * length)) / curvature
+    assert is_clamped_at_first_point(x, y)
+    x[0] = -0.5
+    assert not is_clamped_at_first_point(x, y)
+
+
 def moments(truth, form):
     start = datetime.datetime(2026, 3, 3, 23, 58, 3)
     return [(start + datetime.timedelta(seconds=round(t, 3))).strftime(form) for t in truth.time]
@@ -349,6 +420,7 @@ def cases(truth):
     dates = moments(truth, "%d-%b-%Y %H:%M:%S.%f")
     names = "time_s pwm_left pwm_right T_left_C T_right_C bend_deg"
     numbers = "time_s pwm_1 pwm_2 T_1 T_2 bend_deg"
+    numbers_of_sensors = "time_s pwm_left pwm_right T1 T2 bend_deg"
     crossed = [base[k] for k in (0, 2, 1, 4, 3, 5)]
     single = [f"{t:.3f}" for t in np.float32(270_000 + truth.time)]
     coupled = [[0.55, 0.45], [0.45, 0.55]] @ temperatures
@@ -386,6 +458,7 @@ def cases(truth):
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
         "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
+        "inverted, T1 and T2": (numbers_of_sensors, [base[0], *(255 - counts), *base[3:]]),
         "swapped": ("time_s pwm_left pwm_right T_right_C T_left_C bend_deg", base),
         "relay": (names.replace("pwm_right", "relay_2"), [*base[:2], relay, *base[3:]]),
         "dropped": ("time_s pwm_left T_left_C T_right_C bend_deg", base[:2] + base[3:]),
@@ -459,6 +532,7 @@ def cases(truth):
         ("per cent or counts", "what is full duty"),
         ("volts or shares", "what is full duty"),
         ("inverted", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),  # no thermocouple
+        ("inverted, T1 and T2", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),

@@ -13,6 +13,7 @@ from loggers import logged
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
+from calibration.recordings.recording_checks import check_without_gaps
 from calibration.recordings.repair import in_pieces, select_samples
 from limb_systems import LimbParameters, LinearLaw, Recording, SaturatingLaw, SegmentParameters
 from soft_limb.reports.calibration_report import write_report
@@ -87,6 +88,16 @@ def test_a_gap_is_cut_where_the_duty_is_not_known(poor):
     assert len(in_pieces(steady)[0]) == 1  # as the duty is the same on both sides
     with pytest.raises(CalibrationError, match="nothing is left of it to fit"):
         in_pieces(select_samples(poor, abs(poor.time - 2 * PERIOD - 14.0) < 6.0))
+
+
+def test_a_log_begins_where_all_sensors_are_read_and_wires_rest(log):
+    bend = np.where(log.time < 12.0, np.nan, log.bend_angle)  # the first wire is hot before
+    late = dataclasses.replace(log, bend_angle=bend)
+    pieces, _ = in_pieces(late)
+    assert pieces[0].time[0] >= 12.0
+    assert not pieces[0].duty[:, pieces[0].time < pieces[0].time[0] + 3.0].any()
+    with pytest.raises(CalibrationError, match="no reading is there before 12"):
+        check_without_gaps(late)
 
 
 def test_what_one_thermocouple_tells(poor, log, tmp_path):

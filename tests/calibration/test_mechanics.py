@@ -31,6 +31,7 @@ from calibration.paper_method.mechanics import (
     with_ringing,
 )
 from calibration.recordings.at_rest import rest_angles
+from calibration.recordings.repair import select_samples
 from calibration.remarks import Severity
 from hardware import LimbTwin
 from limb_systems import (
@@ -154,6 +155,20 @@ def test_stiffness_of_limbs_that_rest_bent_or_seem_to(rests_at, offset, known, d
     assert k.standard_error == pytest.approx(np.sqrt(2) * alone.standard_error, rel=0.05)
 
 
+def test_a_limb_that_was_warm_at_the_start_shows_its_rest_angle_when_it_has_cooled():
+    time = np.arange(1200) / 10
+    warmth = np.where(time < 20.0, 30.0, 30.0 * np.exp((20.0 - time) / 10.0))
+    cooled = unheated(np.deg2rad(7.0 + warmth), 10.0)
+    duty = np.array([0.2 * (time < 15.0), np.zeros(1200)])
+    cooled = dataclasses.replace(
+        cooled, duty=duty, measured_temperature=cooled.measured_temperature + warmth
+    )
+    (rest,) = rest_angles([cooled], 25.0)
+    assert np.rad2deg(rest.value) == pytest.approx(7.0, abs=0.1)
+    hot = select_samples(cooled, time < 60.0)  # the wires may still be warm
+    assert rest_angles([hot], 25.0)[0].value == 0.0
+
+
 def short_limb(**segment) -> LimbParameters:
     """One that sags by 1.4° by itself."""
     known = {"links": 2, "length": 0.06, "mass": 0.015, "stiffness": 0.1038} | segment
@@ -187,11 +202,17 @@ def test_known_loads_tell_the_stiffness_of_a_limb_that_hardly_sags(loads):
 
 
 def test_a_payload_is_chosen_where_a_limb_hardly_sags_and_more_is_asked_for_while_k_is_unknown():
-    for limb in (short_limb(), short_limb(stiffness=1.0), short_limb(bend_sensor=ChordSensor())):
+    loaded = short_limb()
+    loaded.payload = 0.002
+    stiff = short_limb(stiffness=1.0)
+    for limb in (short_limb(), stiff, short_limb(bend_sensor=ChordSensor()), loaded):
         load = sag_payload(limb)
-        sag = np.rad2deg(reading_at_rest(mounted(limb, load), limb.segments[0].bend_sensor))
+        total = limb.payload + load
+        sag = np.rad2deg(reading_at_rest(mounted(limb, total), limb.segments[0].bend_sensor))
         assert -18.0 < sag < -12.0
-        assert f"with {1000 * load:.3g} g at the tip (payload: {load:g}" in further_sag(limb, None)
+        text = further_sag(limb, None)
+        assert f"with {1000 * load:.3g} g at the tip" in text
+        assert f"(payload: {total:g} in its header)" in text
     assert sag_payload(LimbParameters()) == 0.0  # which sags by 6.7° of α/2
     assert "record the sag under gravity, to one" in further_sag(LimbParameters(), None)
     assert "g at the tip" in further_sag(LimbParameters(), Estimate(0.12, 0.01, ""))

@@ -10,6 +10,7 @@ import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.excitation import excitations
+from calibration.prediction.baselines import DELAYS, baseline_errors, heat_by_duty
 from calibration.prediction.expected_plan_error import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
@@ -226,6 +227,14 @@ class RowsLaw(LinearLaw):
 
     def rates(self, x, D, T0):
         return np.array([self.a1, self.a2])[:1] * (x[0] - T0) + self.a2 * D
+
+
+def test_the_lag_of_each_wire_has_the_delay_that_fits():
+    run = HeatedRun.of(recording_of("linear", "motion_1"))
+    for delay in DELAYS:
+        heat = heat_by_duty(run, delay)
+        lagged = dataclasses.replace(run, bend=0.05 + heat @ [[-0.1], [0.2]])
+        assert baseline_errors([lagged], [lagged])["a lag of each wire"] < 1e-9
 
 
 @dataclasses.dataclass

@@ -129,3 +129,13 @@ def test_the_room_is_not_as_warm_as_recordings_that_are_never_cold(model_recordi
         assert ambient.value == pytest.approx(expected, abs=0.1)
     with pytest.raises(CalibrationError, match=r"are 35 °C, where ambient is 5 °C: .* Fahrenheit"):
         ambient_temperature([with_room(5.0)])
+
+
+def test_an_error_of_the_room_adds_to_the_errors_of_the_rates(model_recordings):
+    (recording,) = model_recordings["right"]
+    exact = fit_heat_transfer(recording, 1, 23.0)
+    uncertain = fit_heat_transfer(recording, 1, 23.0, 0.5)
+    for name in ("a1", "a2"):
+        error = getattr(uncertain, name).standard_error
+        assert error > 3 * getattr(exact, name).standard_error
+        assert error < 0.02 * abs(getattr(uncertain, name).value)  # 0.5 °C of some 60 °C
