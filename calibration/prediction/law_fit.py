@@ -24,6 +24,7 @@ from calibration.prediction.unknowns import (
     ABSENT_VALUES,
     FORMER_FIELDS,
     Unknown,
+    laws_before_fit,
     prior_factor,
     slopes_of,
     split_unknowns,
@@ -32,7 +33,7 @@ from calibration.prediction.unknowns import (
 )
 from limb_systems import LimbParameters, RestMemory, SegmentParameters, WireLaw
 from limb_systems.law_functions import with_fields
-from limb_systems.monte_carlo import OpenLoop, parameter_owner
+from limb_systems.monte_carlo import OpenLoop, parameter_owner, stack_laws
 from limb_systems.ragged_rows import RaggedRows
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
@@ -154,8 +155,8 @@ class LawFit:
         """Give the segment of a limb these laws and this rubber."""
         (segment,) = limb.segments
         # Set the law and the memory first, then their numbers.
-        for wire in segment.wires:
-            wire.law = self.law()
+        for wire, law in zip(segment.wires, laws_before_fit(self.law, self.segment), strict=True):
+            wire.law = law
         all_unknowns = [*self.unknowns, *self.unidentified]
         if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
@@ -313,6 +314,7 @@ class _FitProblem:
         unidentified: list[Unknown],
     ):
         self._law = law
+        self._described_laws = laws_before_fit(law, segment)
         self._runs = runs
         self._unknowns = unknowns
         self._ambient = ambient
@@ -411,7 +413,7 @@ class _FitProblem:
         # The initial state is the less certain the faster a wire cools.
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
-        cold_states = self._law().cold_states(0.0)
+        cold_states = self._described_laws[0].cold_states(0.0)
         for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
             if self._law.is_temperature(name):
                 is_of_wire = len(centers) == 1  # the first state; others are of what surrounds it
@@ -538,7 +540,7 @@ class _FitProblem:
                 values[0] = former_values[0]
                 states = values[1:].reshape(-1, self._num_wires)
                 former = former_values[1:].reshape(-1, self._num_wires)
-                states[:] = np.array(self._law().cold_states(values[0]))[:, None]
+                states[:] = np.array(self._described_laws[0].cold_states(values[0]))[:, None]
                 for row, state in enumerate(self._law.states):
                     if state in fit.law.states:
                         states[row] = former[list(fit.law.states).index(state)]
@@ -565,7 +567,7 @@ class _FitProblem:
         size = len(self._unknowns)
         num_wires = self._num_wires
         num_sets = len(x)
-        fields: dict[str, np.ndarray] = {}
+        fields = vars(stack_laws([self._described_laws] * num_sets))
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         # Sort the values into fields of the laws and of the rubber.
         columns = [*x.T[:size]]
@@ -578,8 +580,7 @@ class _FitProblem:
             elif unknown.field == "angle":
                 rubber.setdefault("angle", np.empty((num_sets, num_wires)))[:, unknown.wire] = value
             else:
-                array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
-                array[:, 0, unknown.wire] = value
+                fields[unknown.field][:, 0, unknown.wire] = value
         initial_conditions = x[:, size:].reshape(num_sets, len(self._runs), self._num_initial)
         states = np.moveaxis(
             initial_conditions[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0

@@ -300,6 +300,35 @@ class SwitchedLaw(LinearLaw):
         return law.rates(self, x, self.factor * D, T0)
 
 
+@dataclasses.dataclass
+class SupplyLaw(LinearLaw):
+    """A lab's law, of which a word halves the heat, and a field without a range, too."""
+
+    supply: str = "whole"
+    factor: float = 1.0
+
+    def rates(self, x, D, T0):
+        return super().rates(x, (0.5 if self.supply == "half" else 1.0) * self.factor * D, T0)
+
+
+def test_words_and_fields_without_a_range_stay_as_described():
+    law = functools.partial(SupplyLaw, supply="half", factor=0.8)
+    (described,) = limb_with(law).segments
+    run = HeatedRun.of(recording_of("linear", "motion_1"))
+    fit, expected = (
+        fit_law(each, [run], segment, AMBIENT)
+        for each, segment in ((SupplyLaw, described), (LinearLaw, SEGMENT))
+    )
+    limb = fit.calibrated(limb_with(LinearLaw))
+    for wire in limb.wires:
+        assert (type(wire.law), wire.law.supply, wire.law.factor) == (SupplyLaw, "half", 0.8)
+        a2 = expected.estimates[f"{wire.name}.a2"]
+        assert wire.law.a2 == pytest.approx(a2.value / 0.4, rel=0.1)
+    described.wires[0].law.supply = "whole"
+    with pytest.raises(LimbError, match="several words for supply, half and whole; use one"):
+        fit_law(SupplyLaw, [run], described, AMBIENT)
+
+
 def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
     with pytest.raises(LimbError, match="BranchLaw gives other values with symbols"):
         Limb(limb_with(BranchLaw))
