@@ -406,7 +406,7 @@ def test_recordings_must_be_as_hot_as_plans_and_turn_back():
     ):
         temperature = np.column_stack([heated, heated])
         predicted = Predicted(dataclasses.replace(run, temperature=temperature), run.bend, run.bend)
-        remarks = remarks_on_coverage(limb, [predicted])
+        remarks = [*remarks_on_coverage(limb, [predicted])]
         assert len(remarks) == len(said)
         for remark, part in zip(remarks, said, strict=True):
             assert part in remark.sentence
