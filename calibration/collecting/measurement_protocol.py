@@ -12,6 +12,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -29,7 +30,7 @@ from calibration.collecting.collect import (
     collect_warm_up,
     limb_for_first_contact,
 )
-from calibration.collecting.excitation import Excitation, excitations, mountings
+from calibration.collecting.excitation import excitations, mountings
 from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
 from calibration.paper_method.mechanics import GRAVITY, sag_payload
 from calibration.prediction.heated_run import HeatedRun
@@ -98,15 +99,13 @@ class Knowledge:
             return sentence
         # Compare the motion with its repetitions.
         self._motions.append(recording.bend_angle)
-        if len(self._motions) > 1:
-            differences = []
-            for motion, other_motion in itertools.combinations(self._motions, 2):
-                length = min(motion.shape[1], other_motion.shape[1])
-                difference = motion[:, :length] - other_motion[:, :length]
-                differences.append(np.linalg.norm(difference, axis=0).mean())
-            sentence += (
-                f"; motions differ by {np.rad2deg(np.mean(differences)):.1f}° from each other"
-            )
+        differences = []
+        for motion, other_motion in itertools.combinations(self._motions, 2):
+            pairs = zip(motion.T, other_motion.T, strict=False)  # one may be longer
+            differences.append(np.mean([np.linalg.norm(one - other) for one, other in pairs]))
+        if differences:
+            mean_deg = np.rad2deg(np.mean(differences))
+            sentence += f"; motions differ by {mean_deg:.1f}° from each other"
         return sentence
 
     def _fit(self) -> LawFit:
@@ -114,10 +113,7 @@ class Knowledge:
             ambient = ambient_temperature(self._recordings).value
             segment = copy.deepcopy(only_segment(self._described))
             segment.rest_angle = rest_angles(self._recordings, ambient)[0].value
-            runs = []
-            for recording in self._recordings:
-                if recording.duty.any():
-                    runs.append(HeatedRun.of(recording))
+            runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
             with threadpool_limits(1, "blas"):
                 self._fit_so_far = fit_law(self.LAW, runs, segment, ambient)
         return self._fit_so_far
@@ -156,12 +152,9 @@ def planned_recordings(
     ring_downs: int,
     emulated: bool,
 ) -> list[PlannedRecording]:
-    """Return the recordings of a protocol in their order.
+    """Return the recordings of a protocol in their order; see `collect_from_twin`.
 
-    Args:
-        limb: description of the limb, of one segment.
-        emulated: whether the limb is emulated, which needs no first contact.
-        protocol, seed, num_angles, longest, sag_trials, ring_downs: as for `collect_from_twin`.
+    An emulated limb needs no first contact.
 
     Raises:
         LimbError: if there is no such protocol for the limb.
@@ -176,35 +169,21 @@ def planned_recordings(
     rate = RING_DOWN_RATE if emulated else 1 / PERIOD
     ring_down = functools.partial(collect_ring_down, sample_rate=rate)
     has_weight = planar and sag_payload(limb) > 0
-    plans = [
-        PlannedRecording(
-            f"sag_{number}",
-            "sag",
-            collect_sag,
-            pause=SAG_PAUSE * has_weight,
-            turned=180.0 * (has_weight and number % 2 == 0),
-        )
-        for number in range(1, sag_trials + 1)
-        if planar
-    ]
+    plans = []
+    for number in range(1, sag_trials + 1 if planar else 1):
+        pause = SAG_PAUSE * has_weight
+        turned = 180.0 * (has_weight and number % 2 == 0)
+        plans.append(PlannedRecording(f"sag_{number}", "sag", collect_sag, 0.0, pause, turned))
     # Ring-downs, by hand.
-    plans += [
-        PlannedRecording(f"ring_down_{number}", "ring_down", ring_down)
-        for number in range(1, ring_downs + 1)
-    ]
+    for number in range(1, ring_downs + 1):
+        plans.append(PlannedRecording(f"ring_down_{number}", "ring_down", ring_down))
     # Equilibria of each wire and of all.
+    equilibria = []
     hold = functools.partial(collect_equilibria, num_angles=num_angles, longest=longest)
-    equilibria = [
-        PlannedRecording(
-            kind,
-            kind,
-            functools.partial(hold, actuated=kind, seed=seed + number),
-            num_angles * longest,
-            pause=None,
-        )
-        for number, kind in enumerate(heated_kinds(limb))
-        if planar and protocol != "excitation"
-    ]
+    kinds = heated_kinds(limb) if planar and protocol != "excitation" else ()
+    for number, kind in enumerate(kinds, seed):
+        collect = functools.partial(hold, actuated=kind, seed=number)
+        equilibria.append(PlannedRecording(kind, kind, collect, num_angles * longest, None))
     contact = PlannedRecording(
         FIRST_CONTACT, "heated", collect_first_contact, CONTACT_TIME * len(limb.wires), pause=None
     )
@@ -212,6 +191,12 @@ def planned_recordings(
     plans += [*equilibria, warm_up] if emulated else [contact, warm_up, *equilibria]
     if protocol == "paper":
         return plans[:-1] if emulated else plans
+    # Excitations; in space, the stairs of mountings take the place of pulses and ramps.
+    chosen = excitations(len(limb.wires), seed)
+    if not planar and protocol == "all":
+        heated = [each for each in chosen if each.name in ("conditioning", "random")]
+        motions = [each for each in chosen if each.kind == "motion"]
+        chosen = [*heated, *mountings(len(limb.wires)), *motions]
     return plans + [
         PlannedRecording(
             excitation.name,
@@ -222,25 +207,8 @@ def planned_recordings(
             excitation.turned,
             excites=True,
         )
-        for number, excitation in enumerate(protocol_excitations(limb, seed, protocol))
+        for number, excitation in enumerate(chosen)
     ]
-
-
-def protocol_excitations(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
-    """Return the excitations of a protocol, motions last.
-
-    Where a limb bends in space, the stairs of `mountings` take the place of pulses and ramps.
-    """
-    all_excitations = excitations(len(limb.wires), seed)
-    if only_segment(limb).axes == 1 or protocol == "excitation":
-        return all_excitations
-    heated = [
-        excitation
-        for excitation in all_excitations
-        if excitation.name in ("conditioning", "random")
-    ]
-    motions = [excitation for excitation in all_excitations if excitation.kind == "motion"]
-    return [*heated, *mountings(len(limb.wires)), *motions]
 
 
 def mounted_limb(limb: LimbParameters, turned: float | None) -> LimbParameters:
@@ -321,12 +289,10 @@ def collect_from_twin(
         emulated=True,
     )
     tell(f"{len(plans)} recordings of an emulated limb")
-    work = {
-        plan.name: RECORDING_WORK
-        + plan.heated_time
-        + CALIBRATION_WORK * (plan.excites and plan.kind != "motion")
-        for plan in plans
-    }
+    work = {}
+    for plan in plans:
+        is_fitted = plan.excites and plan.kind != "motion"
+        work[plan.name] = RECORDING_WORK + plan.heated_time + CALIBRATION_WORK * is_fitted
     time_left = TimeLeft(sum(work.values()), tell)
     say = live.say if live else lambda _: None
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
@@ -334,10 +300,10 @@ def collect_from_twin(
     for plan in plans:
         # Let the emulated limb rest in the next mounting.
         limb = mounted_limb(described, plan.turned)
-        swing = {}
+        swing: dict[str, Any] = {}
         if plan.kind == "ring_down":
-            hand = hand_for_ring_down(only_segment(described).axes)
-            swing = {"hand": hand, "bend_rate": RING_DOWN_RATE}
+            swing["hand"] = hand_for_ring_down(only_segment(described).axes)
+            swing["bend_rate"] = RING_DOWN_RATE
         pause = cooling_time if plan.pause is None else plan.pause
         twin = twin.after_rest(pause, gravity=limb.gravity, payload=limb.payload, **swing)
         # Calibrate with what was recorded so far, which limits the duty.
@@ -479,11 +445,7 @@ def _warn_of_unfinished(path: Path) -> None:
 
 
 def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) -> str:
-    """Return what the operator is to do for a recording, after its name.
-
-    Args:
-        remount: whether an excitation needs another mounting than the recording before it.
-    """
+    """Return what the operator is to do for a recording, after its name."""
     segment = only_segment(limb)
     planar = segment.axes == 1
     load = sag_payload(limb) if planar else 0.0

@@ -8,7 +8,6 @@ whitened by its covariance, so that they count for what they are worth.
 
 import copy
 import dataclasses
-import operator
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -142,14 +141,12 @@ class LawFit:
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters by name, with their standard errors."""
-        errors = np.sqrt(np.diag(self.value_covariance))
-        values = values_of(self.unknowns, self.fitted)
-        estimates: dict[str, Estimate] = {}
-        for unknown, value, error in zip(self.unknowns, values, errors, strict=True):
-            estimates[unknown.name] = Estimate(
-                float(value), float(error), unknown.unit, may_be_zero=not unknown.form
-            )
-        return estimates
+        errors = np.sqrt(np.diag(self.value_covariance)).tolist()
+        values = map(float, values_of(self.unknowns, self.fitted))
+        return {
+            unknown.name: Estimate(value, error, unknown.unit, may_be_zero=not unknown.form)
+            for unknown, value, error in zip(self.unknowns, values, errors, strict=True)
+        }
 
     def apply(self, limb: LimbParameters) -> None:
         """Give the segment of a limb these laws and this rubber."""
@@ -160,9 +157,7 @@ class LawFit:
         all_unknowns = [*self.unknowns, *self.unidentified]
         if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        all_fitted = [*self.fitted]
-        for unknown in self.unidentified:
-            all_fitted.append(unknown.center)
+        all_fitted = [*self.fitted, *(unknown.center for unknown in self.unidentified)]
         values = values_of(all_unknowns, all_fitted)
         for unknown, value in zip(all_unknowns, values, strict=True):
             owner, field = parameter_owner(limb, unknown.name)
@@ -274,15 +269,11 @@ def fit_law(
             break
     fit = problem.fit_at(x)
     # Return the start in place of a fit to the same recordings that is worse.
-    if start_in_law is not None and start is not None and _is_fit_to(start, runs):
-        return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
+    if start_in_law is not None and start is not None:
+        is_to_these_runs = [id(each.run) for each in start.predicted] == [*map(id, runs)]
+        if is_to_these_runs and fit.misfit > start.misfit:
+            return problem.fit_at(start_in_law)
     return fit
-
-
-def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
-    """Return True if a fit is to these very recordings, in their order."""
-    fitted_runs = [predicted.run for predicted in fit.predicted]
-    return len(fitted_runs) == len(runs) and all(map(operator.is_, fitted_runs, runs))
 
 
 def fitting_time(
@@ -395,12 +386,7 @@ class _FitProblem:
             self._rows_of_run[number].append(rows)
 
     def _initial_prior(self, run: HeatedRun, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,).
-
-        Args:
-            run: the recording.
-            first: V at its beginning (W,), °C; T0 where it is not read.
-        """
+        """Return expected initial conditions (Q,) and spreads (Q,) of a run with first V (W,)."""
         centers = [np.array([self._ambient])]
         spreads = [np.array([AMBIENT_SPREAD])]
         # Wires without a thermocouple may be as warm as the warmest.
@@ -514,10 +500,7 @@ class _FitProblem:
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which this law predicts as the law of a fit does; None if there is none.
-
-        Recordings that the fit does not have start as expected.
-        """
+        """Return x with which this law predicts as the law of a fit does; None if there is none."""
         # Take each unknown from the fit, or the value with which it has no effect.
         former_unknowns = dict(zip(fit.names, fit.fitted, strict=True))
         x = self.center.copy()
@@ -591,9 +574,9 @@ class _FitProblem:
             law, initial_conditions[:, :, 0], initial, rubber, near_first=near_first
         )
 
-    def _simulate(self, x: np.ndarray, *, near_first: bool = False) -> np.ndarray:
+    def _simulate(self, x: np.ndarray, **options: bool) -> np.ndarray:
         """Simulate φ and V (S, F + W, B) for parameter sets x (B, P + R Q)."""
-        _, readings, bends = self._simulate_states(x, near_first=near_first)
+        _, readings, bends = self._simulate_states(x, **options)
         return np.concatenate([bends, readings], axis=1)
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
@@ -609,11 +592,7 @@ class _FitProblem:
         return result
 
     def _whitened(self, simulated: np.ndarray) -> np.ndarray:
-        """Return the whitened residuals of all samples (all M, B), zero where missing.
-
-        Args:
-            simulated: φ and V by `_simulate`.
-        """
+        """Return the whitened residuals of all samples (all M, B), zero where missing."""
         # Interpolate between the ends of steps.
         before = simulated[self._rows_before, self._signals]
         residuals = simulated[self._rows_after, self._signals]
@@ -631,14 +610,8 @@ class _FitProblem:
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
     def best_start(self, values: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
-        """Return the x with the least cost, of some starts.
-
-        Args:
-            values: values of the unknowns (P), for example of a former fit.
-            contained: x with which a former fit is repeated; None if it cannot be.
-        """
+        """Return the x with the least cost: of values (P), of a former fit's x, or random draws."""
         size = len(self._unknowns)
-        # The expected values, a former fit's, and its x or random draws from the prior.
         num_starts = NUM_STARTS if contained is None else 3
         starts = np.tile(self.center, (num_starts, 1))
         starts[0, :size] = values
@@ -662,14 +635,7 @@ class _FitProblem:
         tolerance: float = 10 * TOLERANCE,
         report: Callable[[str], object] = lambda remark: None,
     ) -> np.ndarray:
-        """Return the x with the least cost, by a trust region from a given x.
-
-        Args:
-            x: the start.
-            free: the elements of x that are fitted; the rest stays.
-            tolerance: relative change of the cost, at which iterations end.
-            report: is called in each iteration with a remark on it.
-        """
+        """Return the x with the least cost, by a trust region from x, of which a part is free."""
         # Count in spreads from the center, as the trust region and its tolerance do not scale.
         center = self.center[free]
         spread = self.spread[free]
@@ -734,8 +700,6 @@ class _FitProblem:
             columns = slice(column, column := column + count)
             changes = run_residuals[:, 1:] - run_residuals[:, :1]
             slopes = changes / np.concatenate([step[:num_moved], step[columns]])
-            # Turned, the residuals of a run are as many as what they depend on, and their squares
-            # and slopes say the same.
             readings = np.nan_to_num(run_residuals[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
             stacked_residuals = np.column_stack([slopes, readings])
             rotated = np.asarray(np.linalg.qr(stacked_residuals, mode="r"))

@@ -179,7 +179,9 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
         starts = [*_piece_starts(recording, ends), stretch.stop]
         for start, stop in itertools.pairwise(starts):
             piece = select_samples(recording, np.arange(start, stop))
-            if _is_informative(piece):
+            num_bends = (~np.isnan(piece.bend_angle)).sum()
+            is_long = piece.duration >= MIN_DURATION and num_bends >= MIN_SAMPLES
+            if is_long and piece.duty[:, 1:].any():
                 pieces.append(piece)
     if not pieces:
         raise CalibrationError(
@@ -271,9 +273,3 @@ def _piece_starts(recording: Recording, ends: list[int]) -> Iterator[int]:
             yield start
             late = int(np.searchsorted(time, time[start] + MAX_PIECE_DURATION))
             start = _first_rest(recording, late) if late < stop else stop
-
-
-def _is_informative(piece: Recording) -> bool:
-    """Return whether a piece shows heat, for long enough."""
-    bends = (~np.isnan(piece.bend_angle)).sum()
-    return bool(piece.duty[:, 1:].any() and piece.duration >= MIN_DURATION and bends >= MIN_SAMPLES)
