@@ -192,16 +192,16 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
 
     def recording(runs_or_predictions: Sequence[HeatedRun | Predicted], source: str) -> Recording:
         """Return what was recorded or predicted, with a sample without readings after each run."""
-        temperatures = []
-        bends = []
-        for item in runs_or_predictions:
-            temperatures += [item.temperature, np.full_like(item.temperature[:1], np.nan)]
-            bends += [item.bend, np.full_like(item.bend[:1], np.nan)]
+
+        def joined(signals: Sequence[np.ndarray]) -> np.ndarray:
+            gap = np.full_like(signals[0][:1], np.nan)
+            return np.concatenate([np.vstack([signal, gap]) for signal in signals]).T
+
         return Recording(
             time=np.concatenate(times),
             duty=np.concatenate(duty).T,
-            measured_temperature=np.concatenate(temperatures).T,
-            bend_angle=np.concatenate(bends).T,
+            measured_temperature=joined([item.temperature for item in runs_or_predictions]),
+            bend_angle=joined([item.bend for item in runs_or_predictions]),
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,

@@ -9,7 +9,7 @@ whitened by its covariance, so that they count for what they are worth.
 import copy
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -227,7 +227,6 @@ def fit_law(
     *,
     rubber: tuple[str, ...] = (),
     start: LawFit | None = None,
-    report: Callable[[str], object] = lambda remark: None,
 ) -> LawFit:
     """Fit a law to recordings by their open-loop prediction.
 
@@ -241,7 +240,6 @@ def fit_law(
         ambient: T0, °C, about which each recording has its own.
         rubber: as for `unknowns_of`.
         start: a fit of this or another law, of which values of the same name are taken.
-        report: is called in each iteration with a remark on it.
     """
     # Fit the unknowns that the recordings can identify.
     heated = np.zeros(len(segment.wires), bool)
@@ -263,7 +261,7 @@ def fit_law(
         x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
     for number in range(NUM_PASSES[1]):
         # Fit, then weight residuals by what the law's form leaves, and fit again.
-        x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
+        x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE)
         changed = problem.reweigh(x)
         if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
             break
@@ -633,7 +631,6 @@ class _FitProblem:
         *,
         free: slice = slice(None),
         tolerance: float = 10 * TOLERANCE,
-        report: Callable[[str], object] = lambda remark: None,
     ) -> np.ndarray:
         """Return the x with the least cost, by a trust region from x, of which a part is free."""
         # Count in spreads from the center, as the trust region and its tolerance do not scale.
@@ -654,7 +651,6 @@ class _FitProblem:
             xtol=TOLERANCE,
             gtol=1e-10,
             max_nfev=MAX_ITERATIONS,
-            callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
         )
         return full_vector(solution.x)
 

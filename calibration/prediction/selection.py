@@ -83,17 +83,9 @@ class Candidate:
         """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
         return mean_temperature_error(self.judged)
 
-    @property
-    def errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean errors in blocks of time, of bend and readings together, in their scales.
-
-        First of the recordings that judge, then of the recordings of the fit.
-        """
-        return _block_errors(self.judged), _block_errors(self.fit.predicted)
-
 
 def _block_errors(recordings: Sequence[Predicted]) -> np.ndarray:
-    """Return the mean errors in the blocks of all recordings, one after the other."""
+    """Return mean errors of bend and readings together in blocks of time, in their scales."""
     blocks = []
     for predicted in recordings:
         run = predicted.run
@@ -114,8 +106,10 @@ def error_reduction(better: Candidate, simple: Candidate) -> tuple[float, float]
     """
     means = []
     variances = []
-    for simple_errors, better_errors in zip(simple.errors, better.errors, strict=True):
-        differences = simple_errors - better_errors
+    simple_groups = simple.judged, simple.fit.predicted
+    better_groups = better.judged, better.fit.predicted
+    for simple_group, better_group in zip(simple_groups, better_groups, strict=True):
+        differences = _block_errors(simple_group) - _block_errors(better_group)
         means.append(differences.mean())
         variances.append(differences.var() / max(len(differences) - 1, 1))
     return float(np.mean(means)), float(np.sqrt(np.sum(variances)) / 2)
@@ -501,17 +495,8 @@ def compare_laws(
     candidates: list[Candidate] = []
 
     def add(law: type[WireLaw], rubber: tuple[str, ...], start: LawFit | None) -> Candidate:
-        name = " + ".join([law.__name__, *rubber])
-        report(name)
-        fit = fit_law(
-            law,
-            runs,
-            segment,
-            ambient,
-            rubber=rubber,
-            start=start,
-            report=lambda remark: report(f"{name}, {remark}"),
-        )
+        report(" + ".join([law.__name__, *rubber]))
+        fit = fit_law(law, runs, segment, ambient, rubber=rubber, start=start)
         judged_runs = fit.continued(judges) if continued else fit.predict(judges)
         candidates.append(Candidate(fit, judged_runs))
         on_fitted(law)
