@@ -105,7 +105,7 @@ def stack_limbs(
 
 
 def stack_laws(laws_by_limb: Sequence[Sequence[WireLaw]]) -> WireLaw:
-    """Return the laws of the W wires of B limbs as one, with fields (B, 1, W); see `stack_limbs`."""
+    """Return laws of the W wires of B limbs as one, with fields (B, 1, W); see `stack_limbs`."""
     laws = list(itertools.chain(*laws_by_limb))
     law_types = set(map(type, laws))
     if len(law_types) > 1:

@@ -95,10 +95,10 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         for index in np.flatnonzero(is_start.any(axis=1)).tolist():
             measured = recording.measured_temperature[index]
             read = measured[~np.isnan(measured)]
-            is_heated = bool(recording.duty[index].any())
-            start = float(np.median(measured[is_start[index]] if is_heated else read))
+            heats = bool(recording.duty[index].any())
+            start = float(np.median(measured[is_start[index]] if heats else read))
             lowest = float(np.quantile(read, 0.02))
-            reading = ColdReading(is_heated, bool(np.ptp(read) > 0), start, lowest)
+            reading = ColdReading(heats, bool(np.ptp(read) > 0), start, lowest)
             readings.setdefault(recording.parameters.wire_names[index], []).append(reading)
     described = float(np.mean(rooms))
     if not readings:
