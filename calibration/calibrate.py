@@ -406,11 +406,9 @@ def _load_usable(
     by_paper: bool,
     left_out: list[Remark],
 ) -> tuple[dict[str, list[Recording]], RecordingsByKind, LimbParameters, LimbParameters]:
-    """Return what can be used of recordings, and the limb that they are of.
+    """Return usable recordings by kind, heated ones by kind, the uncalibrated limb, and as given.
 
-    Returns:
-        Usable recordings by kind; heated ones by kind, in pieces unless ``by_paper``; the limb
-        before it is calibrated; its description.
+    Heated ones are in pieces unless ``by_paper``.
     """
     if isinstance(source, (str, Path)):
         source, remarks = read_folder(source)
@@ -501,10 +499,7 @@ def _fit_wire(
     stiffness: Estimate | None,
     left_out: list[Remark],
 ) -> tuple[HeatFit, ForceFit]:
-    """Fit heat and force of one wire by Sec. V-C, and give the limb the fitted law.
-
-    Of its recordings the first that can be fitted is; those before it are ``left`` out.
-    """
+    """Fit one wire by Sec. V-C to the first recording that can be fitted, and set its law."""
     segment = only_segment(limb)
     room = (ambient.value, ambient.standard_error)
     wire = segment.wires[index]

@@ -12,7 +12,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -141,24 +141,35 @@ class PlannedRecording:
     excites: bool = False
 
 
-def planned_recordings(
-    limb: LimbParameters,
-    protocol: str,
-    *,
-    seed: int,
-    num_angles: int,
-    longest: float,
-    sag_trials: int,
-    ring_downs: int,
-    emulated: bool,
-) -> list[PlannedRecording]:
-    """Return the recordings of a protocol in their order; see `collect_from_twin`.
+class ProtocolOptions(TypedDict, total=False):
+    """Options of a protocol.
 
-    An emulated limb needs no first contact.
+    - ``protocol``: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
+      place of equilibria, or "all", the default.
+    - ``seed``, ``num_angles``, ``longest``: as for `collect_equilibria`.
+    - ``sag_trials``, ``ring_downs``: numbers of recordings, 10 and 3 if left out.
+    """
+
+    protocol: str
+    seed: int
+    num_angles: int
+    longest: float
+    sag_trials: int
+    ring_downs: int
+
+
+def planned_recordings(
+    limb: LimbParameters, emulated: bool, options: ProtocolOptions
+) -> list[PlannedRecording]:
+    """Return the recordings of a protocol in their order; emulated limbs need no first contact.
 
     Raises:
         LimbError: if there is no such protocol for the limb.
     """
+    protocol = options.get("protocol", "all")
+    seed = options.get("seed", 0)
+    num_angles = options.get("num_angles", 8)
+    longest = options.get("longest", 60.0)
     planar = only_segment(limb).axes == 1
     if protocol not in PROTOCOLS:
         raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
@@ -170,12 +181,13 @@ def planned_recordings(
     ring_down = functools.partial(collect_ring_down, sample_rate=rate)
     has_weight = planar and sag_payload(limb) > 0
     plans = []
-    for number in range(1, sag_trials + 1 if planar else 1):
+    num_sags = options.get("sag_trials", NUM_SAG_TRIALS) if planar else 0
+    for number in range(1, num_sags + 1):
         pause = SAG_PAUSE * has_weight
         turned = 180.0 * (has_weight and number % 2 == 0)
         plans.append(PlannedRecording(f"sag_{number}", "sag", collect_sag, 0.0, pause, turned))
     # Ring-downs, by hand.
-    for number in range(1, ring_downs + 1):
+    for number in range(1, options.get("ring_downs", NUM_RING_DOWNS) + 1):
         plans.append(PlannedRecording(f"ring_down_{number}", "ring_down", ring_down))
     # Equilibria of each wire and of all.
     equilibria = []
@@ -243,15 +255,10 @@ def hand_for_ring_down(axes: int = 1) -> PiecewisePolynomial:
 def collect_from_twin(
     twin: LimbTwin,
     *,
-    seed: int = 0,
-    num_angles: int = 8,
-    longest: float = 60.0,
     cooling_time: float = 300.0,
-    sag_trials: int = NUM_SAG_TRIALS,
-    ring_downs: int = NUM_RING_DOWNS,
-    protocol: str = "all",
     tell: Callable[[str], object] = lambda name: None,
     live: LiveView | None = None,
+    **options: Unpack[ProtocolOptions],
 ) -> dict[str, list[Recording]]:
     """Return all recordings that calibration wants, from an emulated limb, one after the other.
 
@@ -261,14 +268,11 @@ def collect_from_twin(
 
     Args:
         twin: an emulated limb of one segment; `after_rest` is called on it.
-        seed, num_angles, longest: as for `collect_equilibria`.
         cooling_time: time without heat before each recording that begins cold, s.
-        sag_trials, ring_downs: numbers of recordings.
-        protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
-            place of equilibria, or "all".
         tell: is called with how many recordings there are, after the first of them with about
             how long the others take, and after each excitation with how well it was predicted.
         live: page on which the limb is shown, in real time: for an hour.
+        options: see `ProtocolOptions`.
 
     Returns:
         recordings by kind, as `calibrate` takes them.
@@ -278,16 +282,7 @@ def collect_from_twin(
     """
     described = copy.deepcopy(twin.parameters)
     # Plan the recordings, and estimate the work of each.
-    plans = planned_recordings(
-        described,
-        protocol,
-        seed=seed,
-        num_angles=num_angles,
-        longest=longest,
-        sag_trials=sag_trials,
-        ring_downs=ring_downs,
-        emulated=True,
-    )
+    plans = planned_recordings(described, True, options)
     tell(f"{len(plans)} recordings of an emulated limb")
     work = {}
     for plan in plans:
@@ -334,12 +329,9 @@ def collect_from_robot(
     folder: str | Path,
     ask: Callable[[str], object],
     *,
-    seed: int = 0,
-    num_angles: int = 8,
-    longest: float = 60.0,
-    protocol: str = "all",
     tell: Callable[[str], object] = lambda numbered_name: None,
     live: LiveView | None = None,
+    **options: Unpack[ProtocolOptions],
 ) -> None:
     """Record all that calibration wants from a robot, one file after the other.
 
@@ -357,10 +349,9 @@ def collect_from_robot(
         parameters: the limb's description, of one segment.
         folder: folder of the recordings, named after their kinds.
         ask: shows an instruction to the operator, and returns when it is done.
-        seed, num_angles, longest: as for `collect_equilibria`.
-        protocol: as for `collect_from_twin`.
         tell: is called with how long wires are heated in all, and as by `collect_from_twin`.
         live: page on which the limb is shown, and what is done.
+        options: see `ProtocolOptions`.
 
     Raises:
         LimbError: if there is no such protocol, or if a thermocouple shows no heat.
@@ -368,16 +359,7 @@ def collect_from_robot(
         OutputError: as for `hardware.replaying`.
     """
     # Plan the recordings, and say how many are left.
-    plans = planned_recordings(
-        parameters,
-        protocol,
-        seed=seed,
-        num_angles=num_angles,
-        longest=longest,
-        sag_trials=NUM_SAG_TRIALS,
-        ring_downs=NUM_RING_DOWNS,
-        emulated=False,
-    )
+    plans = planned_recordings(parameters, False, options)
     paths = {plan.name: Path(folder) / f"{plan.name}.csv" for plan in plans}
     say = live.say if live else lambda _: None
     remaining_times = [plan.heated_time for plan in plans if not paths[plan.name].exists()]

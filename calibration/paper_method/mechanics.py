@@ -271,10 +271,7 @@ def _mounted(
     parameters: LimbParameters, gravity: Sequence[float], payload: float
 ) -> LimbParameters:
     """Return a limb as it is mounted under gravity (3,), m/s², with a payload at its tip, kg."""
-    mounted = copy.deepcopy(parameters)
-    mounted.gravity = list(gravity)
-    mounted.payload = payload
-    return mounted
+    return dataclasses.replace(copy.deepcopy(parameters), gravity=list(gravity), payload=payload)
 
 
 def _sag_of(
@@ -327,7 +324,7 @@ class DampedSinusoid:
 
     - ``damping_ratio``: ζ.
     - ``natural_frequency``: ω, rad/s.
-    - ``amplitude``, ``phase``, ``offset``: A, ϕ, b at t = 0, the start.
+    - ``amplitude``, ``offset``: A at t = 0, the start, and b.
     - ``start``: time at which the fit starts, s.
     - ``decay_rate``: ζ ω with its standard error, 1/s.
     - ``residual``: root mean square of the deviations, in the unit of the signal.
@@ -336,7 +333,6 @@ class DampedSinusoid:
     damping_ratio: float
     natural_frequency: float
     amplitude: float
-    phase: float
     offset: float
     start: float
     decay_rate: Estimate
@@ -346,13 +342,6 @@ class DampedSinusoid:
     def frequency(self) -> float:
         """Frequency of the damped oscillation, Hz."""
         return self.natural_frequency * np.sqrt(1 - self.damping_ratio**2) / (2 * np.pi)
-
-    def __call__(self, times: ArrayLike) -> np.ndarray:
-        """Return the sinusoid at times (K,), s."""
-        since = np.asarray(times, float) - self.start
-        turns = 2 * np.pi * self.frequency * since + self.phase
-        decay = np.exp(-self.damping_ratio * self.natural_frequency * since)
-        return self.amplitude * decay * np.sin(turns) + self.offset
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -479,7 +468,6 @@ def fit_damped_sinusoid(
         damping_ratio=float(decay / natural),
         natural_frequency=float(natural),
         amplitude=float(amplitude),
-        phase=float(np.arctan2(cosine, sine)),
         offset=float(offset),
         start=float(time[start]),
         decay_rate=Estimate(float(decay), float(error * decay), "1/s"),

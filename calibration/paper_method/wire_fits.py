@@ -236,6 +236,10 @@ def fit_heat_transfer(
     )
 
 
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def _rates(x: np.ndarray) -> np.ndarray:
     """Return a1, a2, a3, whose logarithms come first in x."""
     return _SIGNS * np.exp(x[:3])
@@ -318,10 +322,6 @@ def _remarks_on_rates(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
                 f"The recording {'does not determine' if error > 1.0 else 'hardly determines'} "
                 f"{rate} of the {name} wire; record more equilibria.",
             )
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -315,10 +315,9 @@ class _FitProblem:
         # Simulate all runs at once, in arrays as long as the longest run.
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
-        self._first_readings = np.empty((len(runs), self._num_wires))
         for number, run in enumerate(runs):
             duty[: len(run.duty), number] = run.duty
-            self._first_readings[number] = np.where(np.isnan(run.first), ambient, run.first)
+        self._first_readings = np.nan_to_num([run.first for run in runs], nan=ambient)
         self._open_loop = (
             OpenLoop(duty, STEP, segment, lengths)
             if segment.axes == 1
@@ -337,17 +336,11 @@ class _FitProblem:
         self.center = np.concatenate([centers, self.initial_center])
         self.spread = np.concatenate([spreads, self._initial_spread])
         unbounded = np.full(len(self.initial_center), np.inf)
-        self.bounds = np.stack(
-            [np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])]
-        )
+        self.bounds = np.array([[*low, *-unbounded], [*high, *unbounded]])
         # Signals that each recording has, and means that are outliers.
-        self.reads_heat = False
-        self.num_readings = 0
-        self._outliers: list[np.ndarray] = []
-        for run in runs:
-            self.reads_heat |= run.is_read
-            self.num_readings += int((run.counts > 0).sum())
-            self._outliers.append(np.zeros(run.counts.T.shape, bool))
+        self.reads_heat = any(run.is_read for run in runs)
+        self.num_readings = sum(int((run.counts > 0).sum()) for run in runs)
+        self._outliers = [np.zeros(run.counts.T.shape, bool) for run in runs]
         self._arrange_samples()
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
         sensor = segment.bend_sensor
@@ -360,8 +353,8 @@ class _FitProblem:
         """Set rows of the samples of all signals that recordings have, one sequence a signal."""
         self._columns: list[tuple[int, int]] = []  # index of the run, and of its signal
         for number, run in enumerate(self._runs):
-            for signal in np.flatnonzero(run.counts.any(axis=0)).tolist():
-                self._columns.append((number, signal))
+            signals = np.flatnonzero(run.counts.any(axis=0)).tolist()
+            self._columns += [(number, signal) for signal in signals]
         self._samples = RaggedRows([len(self._runs[number].times) for number, _ in self._columns])
         # The reading of each sample, and the simulated rows before and after it.
         count = self._samples.count
@@ -493,7 +486,7 @@ class _FitProblem:
             self._ambient,
             x[size:].reshape(len(self._runs), -1),
             self.predicted(x),
-            self.hottest(x),
+            self._simulate_states(x[None])[0].max(axis=(0, 2)),
             self._unidentified,
         )
 
@@ -532,10 +525,6 @@ class _FitProblem:
         low, high = self.bounds[:, : len(self._unknowns)]
         margin = 1e-6 * (high - low)
         return np.clip(values, low + margin, high - margin)
-
-    def hottest(self, x: np.ndarray) -> np.ndarray:
-        """Return the highest T of each wire (W,), °C, for one x."""
-        return self._simulate_states(x[None])[0].max(axis=(0, 2))
 
     def _simulate_states(
         self, x: np.ndarray, *, near_first: bool = False

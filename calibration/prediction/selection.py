@@ -325,9 +325,9 @@ def fit_by_prediction(
         baselines = [baseline_errors(others, left_out) for others, left_out in folds.folds]
         best, predictions = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
         # Fit the best law to all runs, and predict the validation runs as plans are predicted.
-        fit = best.fit
         report(f"{best.name}, all recordings")
-        fit = fit_law(fit.law, all_runs, segment, ambient, rubber=rubber_options(fit), start=fit)
+        rubber = rubber_options(best.fit)
+        fit = fit_law(best.fit.law, all_runs, segment, ambient, rubber=rubber, start=best.fit)
         rollouts = fit.roll_out([predicted.run for predicted in predictions])
     mean_error = float(np.mean([errors[MEAN] for errors in baselines]))
     return Prediction(candidates, best, fit, folds.words, rollouts, predictions, mean_error)
@@ -479,14 +479,10 @@ def compare_laws(
     """Fit laws, then the best of them with options of the rubber, and predict the judges by each.
 
     Args:
-        laws: from the simplest on; each starts from the law before.
-        runs: recordings to fit to.
-        judges: recordings to predict.
-        segment: the described one, of which the stiffness and the laws count.
-        ambient: T0, °C.
+        laws, segment, ambient, report: as for `fit_by_prediction`; each law starts from the last.
+        runs, judges: recordings to fit to, and to predict.
         options: options of the rubber that are tried.
         continued: True if the judges are other samples of the same recordings, in their order.
-        report: is called with what is being done.
         on_fitted: is called with each law when it is fitted and judged.
 
     Returns:

@@ -28,7 +28,7 @@ RESTING_TIME = 3.0  # s without heat, in which readings show where a wire that i
 # s of heated recordings, and samples of any
 MIN_DURATION = 10.0
 MIN_SAMPLES = 20
-MAX_PIECE_DURATION = 900.0  # s, as the time that fits take grows with its square
+MAX_PIECE_DURATION = 900.0  # s, as the time that a fit takes grows with its longest piece
 MAX_GAP = 60.0  # s, that are filled with the duty beside them
 MAX_UNKNOWN_DOSE = 0.5  # s of full duty, by which the dose in a gap may be wrong
 
