@@ -54,8 +54,8 @@ class Column:
 
     def votes(self, heats: np.ndarray) -> np.ndarray:
         """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
-        gains, errors = self.steps.responses(heats, self.means[None])
-        votes = gains[0] / errors[0]
+        gains, errors = self.steps.response(heats, self.means)
+        votes = gains / errors
         for index, heat in enumerate(heats):
             votes[index] *= abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION
         return votes

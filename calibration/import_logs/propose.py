@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.import_logs import clock, evidence, mapping, words
 from calibration.import_logs.columns import MAX_DUTY, Column, ColumnList, read_columns
-from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
+from calibration.import_logs.evidence import MIN_VOTE, Steps
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
 from calibration.import_logs.points import base_direction, is_clamped_at_first_point
@@ -35,8 +35,6 @@ MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
-MIN_COOLING_STEPS = 6  # steps without heat that show whether a wire cools
-SLOWEST_COOLING = 50.0  # s, in which a hot wire loses two thirds of its heat at least
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
@@ -142,8 +140,8 @@ class Columns:
 
     @functools.cached_property
     def heats(self) -> np.ndarray:
-        """The heat of each wire that has a duty (W, N)."""
-        heats = np.zeros((len(self.duties), len(self.steps.times)))
+        """The heat of each wire (W, N); 0 if no duty is known."""
+        heats = np.zeros((len(self.wires), len(self.steps.times)))
         for index, duty in enumerate(self.duties):
             heats[index] = duty.heat(self.wires[index].sign)
         return heats
@@ -306,23 +304,16 @@ class Columns:
 
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
-        if not self.duties:
-            # Names alone decide, as no heat is known.
-            for index, wire in enumerate(self.wires):
-                label = Name(wire.name, self.dictionary).label
-                named = self.temperatures.having("name.label", label)
-                if len(named) == 1:
-                    wire.temperature = named[0].text
-                elif self.temperatures:
-                    self._ask_temperature(index, self.temperatures)
-            return
         # Find the thermocouples that clearly warm with each wire.
         unpaired = ColumnList(self.temperatures)
-        signals = np.array(unpaired.each("means"))
-        warming, errors = self.steps.responses(self.heats, signals)
+        warming = np.zeros((len(unpaired), len(self.wires)))
+        errors = np.zeros_like(warming)
+        for row, column in enumerate(unpaired):
+            warming[row], errors[row] = self.steps.response(self.heats, column.means)
         warmed_rows = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
         labels = self.duties.each("name.label")
+        labels = labels or [Name(wire.name, self.dictionary).label for wire in self.wires]
         sensor_labels = self.temperatures.each("name.label")
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
         # Names decide, if heat does not contradict them; else heat does.
@@ -435,32 +426,13 @@ class Columns:
             is_possible &= not is_at_rest or ROOM_RANGE[0] < first < ROOM_RANGE[1]
             if is_possible:
                 possible.append(unit)
-        is_clear = len(possible) == 1 and (bool(named) or is_at_rest or possible != ["F"])
-        return possible[0] if is_clear and self._are_in_one_room(sensors, possible[0]) else UNKNOWN
-
-    def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
-        """Return whether readings may be true temperatures in one room, without offsets.
-
-        Thermocouples then become as cold as each other, and in a long log as cold as a room. In a
-        short log a wire may stay warmer, if it is warm at first and cools until it is heated.
-        """
-        moving = sensors.moving
-        if not moving:
-            return True
-        factor, offset = mapping.TEMPERATURE_UNITS[unit]
-        coldest = np.array(moving.each("lowest"))
-        are_alike = bool(factor * np.ptp(coldest) < MIN_OFFSET)
-        if self.is_long:
-            return are_alike and bool(factor * coldest.max() + offset <= ROOM_RANGE[1])
-        warmest = moving[int(coldest.argmax())]
-        lead = warmest.means[0] - min(moving.each("first"))
-        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
-        if are_alike or num_steps < MIN_COOLING_STEPS or factor * lead < MIN_OFFSET:
-            return are_alike
-        # From the middle of one half to the middle of the other it cools, at its slowest.
-        first_half, second_half = np.array_split(warmest.means[:num_steps], 2)
-        cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
-        return bool(np.nanmean(first_half) - np.nanmean(second_half) >= cooling)
+        if len(possible) != 1 or not (named or is_at_rest or possible != ["F"]):
+            return UNKNOWN
+        # Without an offset, thermocouples become as cold as each other; in a long log, as a room.
+        factor, offset = mapping.TEMPERATURE_UNITS[possible[0]]
+        coldest = np.array(sensors.moving.each("lowest") or firsts[:1])
+        is_in_room = not self.is_long or factor * coldest.max() + offset <= ROOM_RANGE[1]
+        return possible[0] if is_in_room and factor * np.ptp(coldest) < MIN_OFFSET else UNKNOWN
 
     # The bend.
 
@@ -483,10 +455,7 @@ class Columns:
         # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
-            numbers = unnamed.having("is_number", True)
-            candidates = numbers.where(self._is_bent)
-            if len(numbers) == 1 and not self.duties:
-                candidates = numbers
+            candidates = unnamed.having("is_number", True).where(self._is_bent)
             if not candidates:
                 likely = unnamed.where(self._is_bent)
                 self.ask("no bend", "bend.column", likely)
@@ -574,18 +543,20 @@ class Columns:
         """
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
+        if not wires:
+            return
         names = list(map(operator.attrgetter("name"), wires))
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array(self.duties.each("top"))
-        full = log_mapping.full or max(tops, default=1)
+        full = log_mapping.full or max(tops)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
-        is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
+        is_heated = doses > (MIN_HEATED_TIME if max(doses) > MIN_HEATED_TIME else 0.0)
         is_nameless = names in ([UNKNOWN], 2 * [UNKNOWN]) and self.has_sides
         sides = np.array([])  # of the wires, as -1 and 1, if they have no names
-        if wires and not is_heated.any():
+        if not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
             sides = np.array([-1.0, 1.0])[: len(wires)]
-        elif wires and bend.scale and UNKNOWN not in bend.columns:
+        elif bend.scale and UNKNOWN not in bend.columns:
             votes = self._bend_votes(log_mapping)
             heated_votes = votes[is_heated]
             if is_nameless:
@@ -654,7 +625,7 @@ class Columns:
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
                 index = bare[int(votes.argmax())]
-                if votes.max() > MIN_VOTE and correlation(self.heats[index], column.means) > 0.6:
+                if votes.max() > MIN_VOTE:
                     self._ask_temperature(index, [column])
 
     def _is_explained(self, column: Column) -> bool:
