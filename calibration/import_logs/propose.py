@@ -7,7 +7,6 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import itertools
-import operator
 import re
 from collections.abc import Iterable
 
@@ -19,7 +18,7 @@ from calibration.import_logs.evidence import MIN_VOTE, Steps
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
 from calibration.import_logs.points import base_direction, is_clamped_at_first_point
-from calibration.import_logs.table import LogError, LogTable
+from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
@@ -41,7 +40,7 @@ MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
-CONTRADICTIONS = ("inverted", "mixed units", "named thermocouple", "named unit")  # questions
+CONTRADICTIONS = ("inverted", "mixed units", "named unit")  # questions
 DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
 
@@ -105,12 +104,11 @@ class Columns:
     ):
         self.table = table
         self.limb = limb or LimbParameters()
-        self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
         self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
         self.dictionary = dictionary
         self.questions: list[Question] = []
         self.notes: list[str] = []
-        self.free = ColumnList()  # the columns whose signal is not known yet
+        self.free = ColumnList()  # columns whose signal is not known yet
         self.duties = ColumnList()
         self.temperatures = ColumnList()
         self.wires: list[WireColumns] = []  # the first ones have the duties
@@ -126,11 +124,8 @@ class Columns:
             what = f"the frames in {self.time.column}" if self.time.column else "the rows"
             self.ask("rate", "rate", ["10.0"], what=what)
         # To see what follows what, rows without a time come at any rate.
-        try:
-            self.times, self.rows, _ = clock.times_of(table, self.time, 10.0)
-        except LogError:
-            self.times = 0.1 * np.arange(table.values.shape[1])
-            self.rows = slice(None)
+        known_time = mapping.TimeColumn() if self.time.unit == UNKNOWN else self.time
+        self.times, self.rows, _ = clock.times_of(table, known_time, 10.0)
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
         is_time = (self.time.column, self.time.fraction).__contains__
@@ -180,45 +175,37 @@ class Columns:
             name, log_mapping, lines + self.notes, self.questions, is_heated, self.table.names
         )
 
-    def _of_role(self, role: str) -> ColumnList:
-        """Return the columns whose names say this role, and that are measured."""
-        return self.columns.having("name.role", role).having("name.is_measured", True)
-
     def _unnamed(self) -> ColumnList:
         """Return free columns that move, and whose names say no signal."""
-        return self._of_role("").moving.where(self.free.__contains__)
+        unnamed = self.columns.having("name.role", "").having("name.is_measured", True)
+        return unnamed.moving.where(self.free.__contains__)
 
-    def _like_columns(self, role: str, unnamed: ColumnList, likely: ColumnList) -> ColumnList:
-        """Return the columns that are alike and of a role by their numbers; else ask for it."""
+    def _if_alike(self, likely: ColumnList, unnamed: ColumnList) -> ColumnList:
+        """Return likely columns of a signal if all their like columns are likely; else none."""
         stems = set(likely.each("name.stem"))
-        similar = unnamed.where(lambda c: c.name.stem in stems)
-        if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
-            return likely
-        if stems:
-            wires = self.limb.wire_names if role == DUTY else ["heated"]
-            for index, wire in enumerate(wires):
-                self.ask("like columns", f"wires[{index}].{role}", similar, role=role, wire=wire)
-        return ColumnList()
+        similar = unnamed.where(lambda column: column.name.stem in stems)
+        is_clear = len(similar) == len(likely) or not self.table.has_names
+        return likely if is_clear and len(stems) == 1 else ColumnList()
 
     # Duty.
 
     def find_duties(self) -> None:
         """Find the duties, left before right, and a wire for each; two for a duty with a sign."""
         # Keep the columns whose names say it best; without names, columns that others follow.
-        candidates = self._of_role(DUTY)
+        candidates = self.columns.having("name.role", DUTY)
         if not candidates:
             unnamed = self._unnamed().having("is_number", True)
-            likely = unnamed.where(lambda c: c.looks_like_heat and self._is_followed(c))
-            candidates = self._like_columns(DUTY, unnamed, likely)
+            likely = unnamed.having("looks_like_heat", True).where(self._is_followed)
+            candidates = self._if_alike(likely, unnamed)
         best = min(candidates.each("name.rank"), default=0)
         self.duties = candidates.having("name.rank", best)
         self.duties.sort(key=lambda column: column.name.order)
         self.free = self.free.without(self.duties)
         if not self.duties:
-            if "wires[0].duty" not in [question.field for question in self.questions]:
-                likely = self.columns.having("looks_like_heat", True)
-                self.ask("no duty", "wires[0].duty", likely)
-            self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
+            likely = self.columns.having("looks_like_heat", True)
+            for index, wire_name in enumerate(self.limb.wire_names):
+                self.wires.append(WireColumns(wire_name, UNKNOWN))
+                self.ask("no duty", f"wires[{index}].duty", likely, wire=wire_name)
             return
         # Numbers with a sign heat two wires.
         signs = [1.0]
@@ -287,20 +274,18 @@ class Columns:
 
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns of one stem whose names say nothing must be warmed."""
-        named = self._of_role(TEMPERATURE)
+        named = self.columns.having("name.role", TEMPERATURE)
         self.temperatures = named.where(lambda c: c.name.quantity != "counts")
         if not self.temperatures and self.duties:
             unnamed = self._unnamed().having("name.quantity", "")
-            warmed = unnamed.where(self._is_warmed)
-            self.temperatures = self._like_columns(TEMPERATURE, unnamed, warmed)
+            self.temperatures = self._if_alike(unnamed.where(self._is_warmed), unnamed)
         self.free = self.free.without(self.temperatures)
 
     def _is_warmed(self, column: Column) -> bool:
         """Return whether a column may be a temperature, which a duty raises and none lowers."""
-        if not -10.0 < column.low < 320.0 or column.present.max() > 620.0:
-            return False
         votes = column.votes(self.heats)
-        return bool(votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE)
+        is_warmed = votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE
+        return bool(is_warmed and column.low > -10.0 and column.present.max() < 620.0)
 
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
@@ -350,7 +335,6 @@ class Columns:
             candidates = unpaired.where(functools.partial(self._may_have, self.wires[index]))
             if candidates:
                 self._ask_temperature(index, candidates)
-        self._name_by_thermocouples()
         # Ask about thermocouples without a wire.
         asked = set(itertools.chain(*(question.choices for question in self.questions)))
         for column in unpaired:
@@ -359,21 +343,6 @@ class Columns:
                 wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
                 self.wires.append(wire)
                 self.ask("no wire", field, ["''", "none"], column=column.text)
-
-    def _name_by_thermocouples(self) -> None:
-        """Give wires without a side in their names the side of their thermocouples' names."""
-        side_of_column = dict(
-            zip(self.temperatures.each("text"), self.temperatures.each("name.side"), strict=True)
-        )
-        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
-        is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
-        if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
-            return
-        # Of two wires, the other one is on the other side.
-        if len(sides) == 2 and "" in sides and any(sides):
-            sides[sides.index("")] = LEFT if RIGHT in sides else RIGHT
-        for wire, side in zip(self.wires, sides, strict=True):
-            wire.name = side or UNKNOWN
 
     def _may_have(self, wire: WireColumns, column: Column) -> bool:
         """Return whether a thermocouple's name does not say that it is of another wire."""
@@ -385,12 +354,13 @@ class Columns:
         units = set(ColumnList(choices).each("name.unit"))
         is_known = len(units) == 1 and units <= set(mapping.TEMPERATURE_UNITS)
         wire.unit = units.pop() if is_known else UNKNOWN
-        kind = "named thermocouple" if contradiction else "thermocouple"
-        field = f"wires[{index}].temperature"
         heated_wire = f"wire that {wire.duty} heats"
         if wire.duty == UNKNOWN:
             heated_wire = f"{wire.name} wire"
-        self.ask(kind, field, dict.fromkeys(choices), wire=heated_wire, reason=contradiction)
+        reason = contradiction or "Neither names nor heat tell"
+        field = f"wires[{index}].temperature"
+        self.ask("thermocouple", field, dict.fromkeys(choices), wire=heated_wire, reason=reason)
+        self.questions[-1].is_contradiction = bool(contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the only possible one."""
@@ -442,7 +412,7 @@ class Columns:
         coordinates = self._points()
         places = set(coordinates.each("name.place"))
         of_points = self.columns.where(lambda c: c.name.axis and c.name.place in places)
-        candidates = self._of_role(BEND).moving.without(of_points)
+        candidates = self.columns.having("name.role", BEND).moving.without(of_points)
         self.free = self.free.without([*of_points, *candidates])
         if coordinates and not candidates:
             return self._line(coordinates)
@@ -545,43 +515,48 @@ class Columns:
         wires = log_mapping.wires[: len(self.duties)]
         if not wires:
             return
-        names = list(map(operator.attrgetter("name"), wires))
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array(self.duties.each("top"))
         full = log_mapping.full or max(tops)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
         is_heated = doses > (MIN_HEATED_TIME if max(doses) > MIN_HEATED_TIME else 0.0)
-        is_nameless = names in ([UNKNOWN], 2 * [UNKNOWN]) and self.has_sides
-        sides = np.array([])  # of the wires, as -1 and 1, if they have no names
+        # Wires without a side have the side of their thermocouples' names. If these have none,
+        # begin with left and right; the bend tells whether they have to be exchanged.
+        has_sides = self.limb.wire_names == [LEFT, RIGHT]
+        is_unnamed = has_sides and all(wire.name == UNKNOWN for wire in wires)
+        sides = []
+        for wire in wires:
+            sides += self.temperatures.having("text", wire.temperature).each("name.side")
+        is_nameless = is_unnamed and not any(sides) and len(wires) < 3
+        if is_nameless:
+            sides = list(SIDES[: len(wires)])
+        if is_unnamed and all(sides) and len(set(sides)) == len(wires):
+            for wire, side in zip(wires, sides, strict=True):
+                wire.name = side
+        is_clear = True
         if not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
-            sides = np.array([-1.0, 1.0])[: len(wires)]
-        elif bend.scale and UNKNOWN not in bend.columns:
-            votes = self._bend_votes(log_mapping)
-            heated_votes = votes[is_heated]
-            if is_nameless:
-                # A wire that was not heated is on the other side.
-                sides = np.sign(np.where(is_heated, votes, -heated_votes.sum()))
-                is_clear = bool((np.abs(heated_votes) > MIN_VOTE).all())
-                is_clear &= len(set(sides)) == len(sides)
-                sign = 1.0
-            else:
-                sign = float(np.sign(heated_votes.sum()))
-                is_clear = bool((sign * heated_votes > MIN_VOTE).all())
-            if is_clear and not self.is_inverted:
-                bend.scale *= sign
-                bend.scale_e3 *= sign
-            else:
-                sides = np.array([])
+        elif not bend.scale or UNKNOWN in bend.columns:
+            is_clear = False
+        else:
+            votes = self._bend_votes(log_mapping)[is_heated]
+            sign = float(np.sign(votes.sum()))
+            is_clear = bool((sign * votes > MIN_VOTE).all()) and not self.is_inverted
+            if not is_clear:
                 choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
                 self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
                 bend.scale = 0.0
-        # Name wires by their sides, or ask.
+            elif not is_nameless:
+                bend.scale *= sign
+                bend.scale_e3 *= sign
+            elif sign < 0:
+                for wire in wires:
+                    wire.name = LEFT if wire.name == RIGHT else RIGHT
+        # Ask for names that nothing tells.
         is_signed = len(set(self.duties)) < len(wires)
         for index, wire in enumerate(wires):
-            if is_nameless and len(sides):
-                wire.name = RIGHT if sides[index] > 0 else LEFT
-            elif wire.name == UNKNOWN:
+            if wire.name == UNKNOWN or (is_nameless and not is_clear):
+                wire.name = UNKNOWN
                 sign_text = "positive numbers of " if wire.sign > 0 else "negative numbers of "
                 duty = f"{sign_text if is_signed else ''}{wire.duty}"
                 self.ask("wire", f"wires[{index}].name", self.limb.wire_names, duty=duty)
@@ -598,9 +573,8 @@ class Columns:
         for index, wire in enumerate(log_mapping.wires[: len(self.heats)]):
             if wire.name in lever_of_wire:
                 levers[:, index] = lever_of_wire[wire.name][: len(rows)]
-            for column in self.temperatures:
-                if column.text == wire.temperature and column.span:
-                    warmth[index] = column.means
+            for sensor in self.temperatures.moving.having("text", wire.temperature):
+                warmth[index] = sensor.means
         return evidence.clear_votes(self.steps, [self.heats, warmth], bends, levers)
 
     # What is left over.
