@@ -407,4 +407,3 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
         turn = wrapped(links[-1] - links[0])  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
     return wrapped(angle - bend.zero) * bend.scale
-

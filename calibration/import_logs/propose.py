@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import itertools
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -180,23 +180,24 @@ class Columns:
         unnamed = self.columns.having("name.role", "").having("name.is_measured", True)
         return unnamed.moving.where(self.free.__contains__)
 
-    def _if_alike(self, likely: ColumnList, unnamed: ColumnList) -> ColumnList:
-        """Return likely columns of a signal if all their like columns are likely; else none."""
-        stems = set(likely.each("name.stem"))
-        similar = unnamed.where(lambda column: column.name.stem in stems)
-        is_clear = len(similar) == len(likely) or not self.table.has_names
-        return likely if is_clear and len(stems) == 1 else ColumnList()
+    def _find(self, role: str, is_likely: Callable[[Column], object]) -> ColumnList:
+        """Return the columns whose names say a role; else like columns whose numbers all say it."""
+        found = self.columns.having("name.role", role)
+        if not found:
+            unnamed = self._unnamed().having("is_number", True)
+            likely = unnamed.where(is_likely)
+            stems = set(likely.each("name.stem"))
+            similar = unnamed.where(lambda column: column.name.stem in stems)
+            if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
+                found = likely
+        return found
 
     # Duty.
 
     def find_duties(self) -> None:
         """Find the duties, left before right, and a wire for each; two for a duty with a sign."""
         # Keep the columns whose names say it best; without names, columns that others follow.
-        candidates = self.columns.having("name.role", DUTY)
-        if not candidates:
-            unnamed = self._unnamed().having("is_number", True)
-            likely = unnamed.having("looks_like_heat", True).where(self._is_followed)
-            candidates = self._if_alike(likely, unnamed)
+        candidates = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
         best = min(candidates.each("name.rank"), default=0)
         self.duties = candidates.having("name.rank", best)
         self.duties.sort(key=lambda column: column.name.order)
@@ -227,7 +228,7 @@ class Columns:
         heat = duty.heat()[None]
         for column in self.columns.moving.without([duty]):
             is_cause = column.name.role == DUTY or column.looks_like_heat
-            if not is_cause and abs(column.votes(heat)[0]) > MIN_VOTE:
+            if not is_cause and column.follows(heat):
                 return True
         return False
 
@@ -274,17 +275,14 @@ class Columns:
 
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns of one stem whose names say nothing must be warmed."""
-        named = self.columns.having("name.role", TEMPERATURE)
-        self.temperatures = named.where(lambda c: c.name.quantity != "counts")
-        if not self.temperatures and self.duties:
-            unnamed = self._unnamed().having("name.quantity", "")
-            self.temperatures = self._if_alike(unnamed.where(self._is_warmed), unnamed)
+        found = self._find(TEMPERATURE, self._is_warmed)
+        self.temperatures = found.where(lambda column: column.name.quantity != "counts")
         self.free = self.free.without(self.temperatures)
 
     def _is_warmed(self, column: Column) -> bool:
         """Return whether a column may be a temperature, which a duty raises and none lowers."""
         votes = column.votes(self.heats)
-        is_warmed = votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE
+        is_warmed = votes.max(initial=0.0) > MIN_VOTE and votes.min() > -MIN_VOTE
         return bool(is_warmed and column.low > -10.0 and column.present.max() < 620.0)
 
     def pair_wires_with_thermocouples(self) -> None:
@@ -425,19 +423,15 @@ class Columns:
         # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
-            candidates = unnamed.having("is_number", True).where(self._is_bent)
+            likely = unnamed.where(lambda column: column.follows(self.heats))
+            candidates = likely.having("is_number", True)
             if not candidates:
-                likely = unnamed.where(self._is_bent)
                 self.ask("no bend", "bend.column", likely)
                 return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
         if len(candidates) > 1:
             self.ask("bend", "bend.column", candidates)
             return BendColumns(UNKNOWN)
         return self._bend_column(candidates[0])
-
-    def _is_bent(self, column: Column) -> bool:
-        """Return whether a column clearly follows the heat of a wire."""
-        return bool((np.abs(column.votes(self.heats)) > MIN_VOTE).any())
 
     def _points(self) -> ColumnList:
         """Return x and y of each point in a picture, in turn; none if there is one point only."""
@@ -590,7 +584,7 @@ class Columns:
             # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
             if column.looks_like_heat or is_duty:
-                if not self._is_explained(column) and (is_duty or self._is_followed(column)):
+                if is_duty or self._is_followed(column):
                     what = f" is a {name.quantity}, but" if name.quantity else ""
                     field = f"wires[{len(self.wires)}].name"
                     choices = [*self.limb.wire_names, "none"]
@@ -601,14 +595,6 @@ class Columns:
                 index = bare[int(votes.argmax())]
                 if votes.max() > MIN_VOTE:
                     self._ask_temperature(index, [column])
-
-    def _is_explained(self, column: Column) -> bool:
-        """Return whether a column shows no more than the duties, as a current or a sum does."""
-        rows = [evidence.forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
-        causes = np.vstack([*rows, np.ones(len(column.means))]).T
-        values = evidence.forward_fill(column.means)
-        left = values - causes @ np.linalg.lstsq(causes, values, rcond=None)[0]
-        return bool(rows) and bool(left.std() < 0.3 * values.std())
 
 
 def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary) -> Proposal:
