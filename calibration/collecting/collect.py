@@ -11,6 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
+from hardware.board.journal import closing
 from hardware.live_feed import LiveView
 from hardware.replaying import record_with_journal
 from limb_systems import LimbError, LimbParameters, LimbSystem, Recording
@@ -63,26 +64,26 @@ def collect_equilibria(
     Raises:
         LimbError: if an argument makes no sense.
     """
-    check_limb(limb)
-    heated = heated_wires(limb.parameters, actuated)
-    if num_angles < 1 or seed < 0:
-        raise LimbError(
-            f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there must "
-            "be an angle at least, and the seed must be zero or more."
+    with closing(check_limb(limb)):
+        heated = heated_wires(limb.parameters, actuated)
+        if num_angles < 1 or seed < 0:
+            raise LimbError(
+                f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there "
+                "must be an angle at least, and the seed must be zero or more."
+            )
+        # Draw random angles to the sides of the heated wires.
+        wires = only_segment(limb.parameters).wires
+        sides = np.sign([wires[index].lever[0] for index in heated])
+        low = min(0, *sides)
+        high = max(0, *sides)
+        angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
+        # Hold them by PI control.
+        schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
+        controller = BendAngleController(limb.parameters, actuated)
+        duration = num_angles * longest
+        return _record(
+            limb, controller, duration, actuated, journal, live, seed=seed, schedule=schedule
         )
-    # Draw random angles to the sides of the heated wires.
-    wires = only_segment(limb.parameters).wires
-    sides = np.sign([wires[index].lever[0] for index in heated])
-    low = min(0, *sides)
-    high = max(0, *sides)
-    angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
-    # Hold them by PI control.
-    schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
-    controller = BendAngleController(limb.parameters, actuated)
-    duration = num_angles * longest
-    return _record(
-        limb, controller, duration, actuated, journal, live, seed=seed, schedule=schedule
-    )
 
 
 def collect_sag(
@@ -156,11 +157,12 @@ def collect_excitation(
         known: the limb as it is calibrated so far.
         limb, journal, live: as for `collect_equilibria`.
     """
-    source = LimitedDuty(known, excitation.duty)
-    duration = excitation.duty.end_time()
-    kind = excitation.kind
-    seed = excitation.seed
-    return _record(limb, source, duration, kind, journal, live, seed=seed)
+    with closing(check_limb(limb)):
+        source = LimitedDuty(known, excitation.duty)
+        duration = excitation.duty.end_time()
+        kind = excitation.kind
+        seed = excitation.seed
+        return _record(limb, source, duration, kind, journal, live, seed=seed)
 
 
 def _zero_duty(limb: LimbSystem) -> LeafSystem:

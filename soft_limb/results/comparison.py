@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,6 +23,7 @@ from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFil
 from soft_limb.results.summaries import distances_summary
 
 NO_VALUE = "-"  # in place of a value that a run does not have
+ROUNDING_ERROR = 1e-9  # relative; solvers of equal problems end with such differences
 MAX_TEXT_LENGTH = 60  # characters of a value in a table
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _STYLES = tuple(itertools.product((1.5, 3.0), ("solid", "dashed", "dotted", "dashdot")))  # of wires
@@ -273,12 +275,17 @@ def _changed(runs: Sequence[dict[str, tuple[Any, str]]]) -> list[Change]:
     changes = []
     for name in dict.fromkeys(itertools.chain.from_iterable(runs)):
         values = [run[name][0] if name in run else None for run in runs]
-        first = values[0]
-        # Two NaN count as equal.
-        if any(value != first and (value == value or first == first) for value in values):
+        if not all(_is_equal(value, values[0]) for value in values):
             unit = next(run[name][1] for run in runs if name in run)
             changes.append(Change(name, unit, values))
     return changes
+
+
+def _is_equal(value: Any, other: Any) -> bool:
+    """Return True for equal values; numbers are equal up to rounding, and NaN equals NaN."""
+    if _is_number(value) and _is_number(other):
+        return math.isclose(value, other, rel_tol=ROUNDING_ERROR)
+    return value == other or (value != value and other != other)
 
 
 def _is_number(value: Any) -> bool:
@@ -363,7 +370,7 @@ def _distances(results: Sequence[ResultFile]) -> dict[int, ReferenceDistances]:
 
 def _texts(values: Sequence[Any]) -> list[str]:
     """Return values as texts, numbers with three digits, or more if different values need more."""
-    for digits in (3, 6, 9, 17):
+    for digits in (3, 6, 9, 12):
         texts = [_text(value, digits) for value in values]
         if len(set(texts)) == len(set(map(str, values))):
             break

@@ -16,7 +16,7 @@ from hardware.live_feed import LiveView
 from limb_systems import LimbParameters, LimbSystem, Recording, Trajectory, resting_state
 from limb_systems.limb_system import check_limb
 from limb_systems.summary import Summary
-from planners import Task, plan, references
+from planners import Task, TaskError, plan, references
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.folder import guess_file_kind
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, Rollout, roll_out
@@ -63,7 +63,14 @@ def load_task(name: str, limb: LimbParameters | None = None) -> Task:
     """Return the task "paper", the task "closed-loop" for a limb, or a task from a file."""
     if name == "closed-loop":
         return Task.closed_loop(limb)
-    return Task.paper() if name == "paper" else Task.load(name)
+    if name == "paper":
+        return Task.paper()
+    if not Path(name).exists():
+        raise TaskError(
+            f"There is no task {name!r}, nor a file of this name; give 'paper', 'closed-loop' or a "
+            "YAML file."
+        )
+    return Task.load(name)
 
 
 def load_reference(name: str, smoothing_time: float) -> trajectories.Trajectory:

@@ -109,8 +109,10 @@ class Rollout:
         text = (
             f"for {seconds:.0f} s the bend was read up to {values['most_deg']:.1f}° from where "
             "heat and rest angle explain it; look whether the bend sensor has drifted or the limb "
-            "is loaded, and else calibrate it again"
+            "is loaded, and else calibrate it"
         )
+        if self.trajectory.parameters.calibration:
+            text += " again"
         return Entry("unexplained", values, sentence=text if seconds > UNEXPLAINED_TIME else None)
 
     def _timing(self) -> Entry:
