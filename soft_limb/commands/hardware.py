@@ -10,9 +10,19 @@ import numpy as np
 from serial.tools import list_ports
 
 from controllers.learner import Repetition
-from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
+from hardware import (
+    BoardInfo,
+    BoardLink,
+    LimbTwin,
+    ReplayError,
+    Sample,
+    SerialLimb,
+    present_readings,
+    watch,
+)
 from hardware.board import board_check
 from hardware.board.arm_check import check_supply, check_wires
+from hardware.board.journal import closing
 from hardware.board.link import SerialPort, check_port_exists
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
@@ -47,14 +57,10 @@ from soft_limb.commands.options import (
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
-from soft_limb.runs.plan_run import (
-    FOLLOW_FILES,
-    NAMED_REFERENCES,
-    load_task,
-    plan_and_follow,
-)
+from soft_limb.runs.plan_run import NAMED_REFERENCES, load_task, plan_from_files
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
 
+FOLLOW_FILES = ("plan.csv", "recording.csv", "report.html")
 SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
 MAX_TEACHING_TIME = 3600.0  # s
 NO_SUPPLY = 0.0  # V, the answer for a board whose supply heats no wire
@@ -292,26 +298,49 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
 
 def _follow(options: argparse.Namespace) -> int:
     # Check the files, and load limb and task.
-    outputs = [options.output / name for name in FOLLOW_FILES]
+    plan_file, recording_file, report = (options.output / name for name in FOLLOW_FILES)
+    outputs = [plan_file, recording_file, report]
     inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
-    task = options.task and load_task(options.task, limb)
-    # Plan, and drive the limb.
+    task = load_task(options.task or "closed-loop", limb)
     with live_page(options) as live:
-        rollout, summary = plan_and_follow(
+
+        def begin_step(step: str) -> None:
+            print(step, file=sys.stderr, flush=True)
+            if live:
+                live.say(step)
+
+        # Plan from the present temperatures of the wires.
+        begin_step(f"Planning {options.reference}")
+        resting_limb = _limb(limb, options)
+        with closing(resting_limb):
+            start = present_readings(resting_limb)
+        trajectory = plan_from_files(
             options.reference,
-            lambda planned: _limb(planned, options),
-            options.output,
-            limb=limb,
+            limb,
+            options.smooth,
+            start=start,
             task=task,
             knot_rate=options.knot_rate,
-            smoothing_time=options.smooth,
-            controller=options.controller,
+        )
+        trajectory.save(plan_file)
+        # Drive the limb along the plan.
+        duration = f"{trajectory.duration:g} s"
+        controller = options.controller
+        begin_step(f"Following {options.reference} for {duration}, controller {controller}")
+        rollout = roll_out(
+            trajectory,
+            lambda: _limb(trajectory.parameters, options),
+            recording_file,
+            controller=controller,
             real_time=bool(options.port),
-            announce=lambda step: print(step, file=sys.stderr, flush=True),
             live=live,
         )
+        # Write the report while the page still shows the run.
+        summary = rollout.summary()
+        data = {"plan": plan_file, "recording": recording_file}
+        write_rollout_report(rollout, summary, report, data)
         print_summary(options, summary, outputs)
         if live:
             live.end(rollout.recording.interrupted or DONE)

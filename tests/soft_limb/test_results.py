@@ -212,7 +212,7 @@ def test_the_page_has_all_runs_and_their_origin(folder, capsys):
     order = ["compare", "plan.csv", "recording.csv", "shifted.csv", "-o", "compare.html"]
     assert main(order) == 0
     text = (folder / "compare.html").read_text()
-    for name in ("Δφ (°)", "reference φ_REF", "shifted.csv, right", "|Δφ|", "1.00°"):
+    for name in ("Δ bend angle (°)", "reference φ_REF", "right, shifted.csv", "|Δφ|", "1.00°"):
         assert name in text or json.dumps(name)[1:-1] in text, name
     capsys.readouterr()
     assert shown(["compare.html"], capsys)["compare.html"]["provenance"]["version"]
