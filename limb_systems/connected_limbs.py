@@ -122,12 +122,12 @@ def load_description(path: str | Path | None) -> LimbParameters | ConnectedLimbs
     """
     if path is None:
         return LimbParameters()
-    if not describes_connected(read_text(path, "parameters", ParameterError)):
+    if not CONNECTED_FIELDS & top_level_fields(read_text(path, "parameters", ParameterError)):
         return LimbParameters.load(path)
     connected = ConnectedLimbs.registered().load(path)
     return connected.limbs[0].parameters if connected.is_limb else connected
 
 
-def describes_connected(text: str) -> bool:
-    """Return whether the YAML text of a description describes connected limbs."""
-    return bool(CONNECTED_FIELDS & set(re.findall(r"^\{?(\w+):", text, re.MULTILINE)))
+def top_level_fields(text: str) -> set[str]:
+    """Return the names of the fields at the top level of a YAML text."""
+    return set(re.findall(r"^\{?(\w+):", text, re.MULTILINE))

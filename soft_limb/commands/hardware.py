@@ -146,7 +146,9 @@ def _arm_check(options: argparse.Namespace) -> int:
 
     # Heat no wire before the supply and the thermal cut-off are confirmed.
     voltage, cut_off = _supply_answers(options)
-    passed = check_supply(parameters, voltage, cut_off, add_check)
+    for is_good, sentence in check_supply(parameters, voltage, cut_off):
+        add_check(is_good, sentence)
+    passed = all(check["passed"] for check in checks)
     if passed:
         with BoardLink(options.port, parameters) as link:
             passed = check_wires(link, add_check, parameters)
@@ -217,14 +219,10 @@ def _board_check(options: argparse.Namespace) -> int:
     # Heat no wire before the supply and the thermal cut-off are confirmed.
     parameters = LimbParameters.of(options.limb)
     voltage, cut_off = _supply_answers(options)
-    refusals: list[str] = []
-
-    def note_refusal(passed: bool, sentence: str) -> None:
-        if not passed:
-            refusals.append(sentence)
-
-    if voltage != NO_SUPPLY and not check_supply(parameters, voltage, cut_off, note_refusal):
-        raise LimbError(f"The board is not checked: {'; '.join(refusals)}.")
+    if voltage != NO_SUPPLY:
+        answers = check_supply(parameters, voltage, cut_off)
+        if refusals := [sentence for is_good, sentence in answers if not is_good]:
+            raise LimbError(f"The board is not checked: {'; '.join(refusals)}.")
     # Run all cases, and count the outcomes.
     with SerialPort(options.port) as cable:
         host = board_check.Host(cable, parameters)

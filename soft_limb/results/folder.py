@@ -1,10 +1,9 @@
 """Find the files of a folder that may be results, by names and first bytes; quick to import."""
 
 import os
-import re
 from pathlib import Path
 
-from limb_systems.connected_limbs import CONNECTED_FIELDS
+from limb_systems.connected_limbs import CONNECTED_FIELDS, top_level_fields
 from limb_systems.files.input import first_line
 
 TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
@@ -61,15 +60,10 @@ def kind_of_head(path: Path, head: str) -> str:
     title = first_line(head)
     if title and title.kind in TABLE_KINDS:
         return title.kind
-    fields = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
+    fields = top_level_fields(head) if path.suffix in (".yaml", ".yml") else set()
     if fields & CONNECTED_FIELDS:
         return "robot"
     return "limb" if fields & _LIMB else ""
-
-
-def fields_of(text: str) -> set[str]:
-    """Return the names of the fields at the top level of a YAML text."""
-    return set(re.findall(r"^\{?(\w+):", text, re.MULTILINE))
 
 
 def is_html(head: str) -> bool:
