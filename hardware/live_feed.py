@@ -105,12 +105,9 @@ def live_display(
 
     Args:
         builder: builder of the diagram, which has the limb already, so that its command is first.
-        live: the page.
-        limb: system that runs.
-        duty: port that drives it.
+        duty, reference: ports of the duty that drives it, and of the desired bend angle.
         duration: longest duration, s.
         plan: trajectory that the limb follows.
-        reference: port of the reference of the bend angle.
     """
     if live is None:
         yield

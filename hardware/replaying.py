@@ -309,8 +309,7 @@ def record_with_journal(
         builder, limb, duty, duration, options: as for `record`.
         journal, live: as for `replay`.
         plan: trajectory that the limb follows; a cut-out then interrupts the recording.
-        kind: kind of the recording, see `Recording`.
-        seed: seed of the random numbers in the experiment, if there are any.
+        kind, seed: kind of the recording, and seed of its provenance.
         ended_by_hand: whether Ctrl-C is a regular end.
     """
     provenance = Provenance.now(limb.parameters, seed)

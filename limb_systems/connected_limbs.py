@@ -22,7 +22,7 @@ def connected(name: str) -> Any:
     when it is needed:
 
     - ``description``: the subclass of `ConnectedLimbs` that files are read into.
-    - ``view``: its `limb_systems.views.limb_view.LimbView`, made from a description.
+    - ``view``: its `limb_systems.views.limb_view.LimbView`, made from a Meshcat and a description.
     - ``panels``: function of a description and a motion that returns the panels of signals that
       no single limb has.
     - ``emulation``: its emulation, made like `hardware.LimbTwin`.

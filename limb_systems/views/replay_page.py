@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
+from limb_systems.connected_limbs import connected
 from limb_systems.errors import LimbError
 from limb_systems.files.output import write_atomically
 from limb_systems.files.recording import Recording
@@ -23,11 +24,11 @@ from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
     WIRE_COLORS,
     Ghost,
+    LimbView,
     ghost_of_reference,
     ghosts_of_plan,
     joint_angle_trajectory,
     linear_wire_color,
-    view_of,
 )
 from limb_systems.views.template import template
 
@@ -97,6 +98,8 @@ def replay_page(
     motion = motion.for_replay()
     parameters = motion.parameters
     robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
+    if robot and plan is not None:
+        raise LimbError("A robot is shown without a plan; leave the plan out.")
     in_space = not (robot or motion.model.layout.is_planar)
     start, end = motion.time[[0, -1]]
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
@@ -118,13 +121,12 @@ def replay_page(
     ghost_angles = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
 
     # Record the frames in a scene.
-    view = view_of(robot or parameters, ghosts)
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
-    view.add_to(meshcat)
-    view.set_scene(meshcat, np.hstack([angles, *ghost_angles]), pose)
+    view = connected("view")(meshcat, robot) if robot else LimbView(meshcat, parameters, ghosts)
+    view.set_scene(np.hstack([angles, *ghost_angles]), pose)
     if in_space:
-        view.add_tip_path(meshcat, angles)
+        view.add_tip_path(angles)
     meshcat.StartRecording(rate)
     animation = meshcat.get_mutable_recording()
     animation.set_repetitions(1_000_000)
@@ -132,14 +134,14 @@ def replay_page(
     for frame in range(len(times)):
         time = (frame + 1e-6) / rate  # Drake rounds down
         frame_pose = None if pose is None else pose[:, frame]
-        view.show(meshcat, angles[:, frame], time, frame_pose)
+        view.show(angles[:, frame], time, frame_pose)
         for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
                 animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
     meshcat.PublishRecording()
     page = meshcat.StaticHtml()
-    del meshcat, animation
+    del meshcat, animation, view
     gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
 
     # Collect the numbers that the caption shows in each frame: bends, pose, heat and duty.

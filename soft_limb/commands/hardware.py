@@ -164,12 +164,8 @@ def _read_answer(question: str) -> str:
 
 
 def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | None]:
-    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers.
-
-    Raises:
-        HardwareError: if there is no such port: nobody is asked in vain.
-    """
-    check_port_exists(options.port)
+    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers."""
+    check_port_exists(options.port)  # else a person is asked in vain
     voltage = options.supply
     cut_off = options.cut_off
     # Ask at a terminal what the options do not say.

@@ -50,13 +50,7 @@ def write_page(
     provenance: Provenance | None = None,
     data: Mapping[str, str | Path] | None = None,
 ) -> None:
-    """Write a page with links to its data. An error leaves no incomplete file.
-
-    Args:
-        path: the HTML file.
-        title, parts, provenance: as for `make_page`.
-        data: files that the page links to, by their descriptions in plain text.
-    """
+    """Write the page of `make_page`, with links to files of data by descriptions in plain text."""
     if data:
         folder = Path(path).parent
         links = {}

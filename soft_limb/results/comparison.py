@@ -221,11 +221,8 @@ def flattened(value: Any, unit: str = "", name: str = "") -> dict[str, tuple[Any
     """Return all numbers and texts of a limb or robot with units, by names like "right.law.a1".
 
     Wires go by their names, and segments by their numbers if there are several. A calibration
-    contributes its prediction errors; its fitted values are those in the laws.
-
-    Args:
-        value: the limb or robot, or a part of it.
-        unit, name: unit and name of the part.
+    contributes its prediction errors; its fitted values are those in the laws. A part of a limb has
+    a unit and a name.
     """
     leaves: dict[str, tuple[Any, str]] = {}
     # Fields of a dataclass, without fitted values and without rare fields at their default.

@@ -163,14 +163,13 @@ def roll_out(
     real_time: bool = False,
     live: LiveView | None = None,
 ) -> Rollout:
-    """Drive a limb along a plan and write the recording.
+    """Drive a limb along a plan and write the recording; errors as in `replay`.
 
     Args:
         make_limb: function that returns the limb; it is called after the controller is made.
         output: file of the recording, which is written while the limb runs.
         controller: key in `CONTROLLERS`.
         real_time: whether the limb is a robot.
-        live: as for `replay`, whose errors are raised.
     """
     # Make the controller before the limb: the board waits for no computation.
     driver = make_controller(controller, trajectory, real_time=real_time)

@@ -71,7 +71,7 @@ def test_a_law_with_a_word_has_the_band_of_its_equations(uncertain):
         wire.law = WordLaw(**vars(wire.law), cooling="fan")
     of_words = band(dataclasses.replace(uncertain, parameters=limb))
     expected = band(uncertain)
-    np.testing.assert_allclose(of_words.bend_angle, expected.bend_angle, rtol=1e-9)
+    np.testing.assert_allclose(of_words.bend_reading, expected.bend_reading, rtol=1e-9)
     np.testing.assert_allclose(of_words.highest_readings, expected.highest_readings, rtol=1e-9)
     limb.wires[0].law.cooling = "still"
     with pytest.raises(LimbError, match="several words for cooling, fan and still; use one"):
