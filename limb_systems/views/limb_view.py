@@ -24,7 +24,6 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
@@ -125,27 +124,6 @@ def joint_angle_trajectory(motion: Recording | Planned) -> PiecewisePolynomial:
     return PiecewisePolynomial.CubicHermite(motion.time, angles, rates)
 
 
-def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 0.0) -> list[Ghost]:
-    """Return ghosts of the reference and the plan; time 0 is ``start``, s, after the plan's start.
-
-    Raises:
-        LimbError: if the plan is for a limb of another shape than the parameters'.
-    """
-    planned_shape = _shape_in_words(plan.parameters)
-    shape = _shape_in_words(parameters)
-    if planned_shape != shape:
-        raise LimbError(
-            f"The plan is for a limb of {planned_shape}, but the motion is of one of {shape}; they "
-            "cannot be shown together."
-        )
-    # Shift the ghosts to the time of the view.
-    plan = plan.since_start()
-    ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
-    for ghost in ghosts:
-        ghost.joint_angles.shiftRight(-start)
-    return ghosts
-
-
 def ghost_of_reference(motion: Recording | Trajectory) -> Ghost:
     """Return the reference of a motion by eqn (11), over the motion's time."""
     return Ghost(
@@ -157,19 +135,6 @@ def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
     """Return θ over time for bend angles (F, K), rad, by eqn (11), linear between samples."""
     angles = joint_angles_from_bend_angle(parameters, bend_angle)
     return PiecewisePolynomial.FirstOrderHold(time, angles)
-
-
-def _shape_in_words(parameters: LimbParameters) -> str:
-    """Return the links and sizes of a limb as text."""
-    texts = []
-    for segment in parameters.segments:
-        sizes_mm = 1e3 * np.array([segment.length, segment.thickness, segment.width])
-        text = "{} links, {:g} mm x {:g} mm x {:g} mm".format(segment.links, *sizes_mm)
-        text += ", two axes" * (segment.axes == 2)
-        text += ", twists" * segment.twists
-        text += ", centred" * segment.centred_joints
-        texts.append(text)
-    return " and ".join(texts)
 
 
 class LimbView:

@@ -26,7 +26,6 @@ from limb_systems.views.limb_view import (
     Ghost,
     LimbView,
     ghost_of_reference,
-    ghosts_of_plan,
     joint_angle_trajectory,
     linear_wire_color,
 )
@@ -181,16 +180,34 @@ def replay_page(
 
 
 def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list[Ghost]:
-    """Return the ghosts of a motion, over the time since the motion's start."""
+    """Return ghosts of the plan and its reference, or of a motion's own reference.
+
+    Their time counts from the motion's start. Raise LimbError if the plan is for another shape.
+    """
     if plan is not None:
+        if _shape(plan.parameters) != _shape(motion.parameters):
+            raise LimbError(
+                "The plan is for a limb of other segments than the motion's; they cannot be shown "
+                "together."
+            )
         # The time of a recording counts from the start of its plan.
         start = motion.time[0] if isinstance(motion, Recording) else 0.0
-        return ghosts_of_plan(motion.parameters, plan, start)
-    if motion.robot or not isinstance(motion, Recording | Trajectory) or motion.reference is None:
+        plan = plan.since_start()
+        ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
+    elif motion.robot or not isinstance(motion, Recording | Trajectory) or motion.reference is None:
         return []
-    ghost = ghost_of_reference(motion)
-    ghost.joint_angles.shiftRight(-motion.time[0])
-    return [ghost]
+    else:
+        start = motion.time[0]
+        ghosts = [ghost_of_reference(motion)]
+    for ghost in ghosts:
+        ghost.joint_angles.shiftRight(-start)
+    return ghosts
+
+
+def _shape(parameters: LimbParameters) -> list[tuple]:
+    """Return the links and sizes of all segments."""
+    names = ("links", "length", "thickness", "width", "axes", "twists", "centred_joints")
+    return [tuple(getattr(segment, name) for name in names) for segment in parameters.segments]
 
 
 def _places_in_words(parameters: LimbParameters) -> str:
