@@ -18,27 +18,18 @@ class WireColors(LeafSystem):
 
     __slots__ = ()  # see limb_systems.drake_python
 
-    def __init__(
-        self,
-        parameters: LimbParameters,
-        meshcat: Meshcat,
-        limb: str = "limb",
-        *,
-        prefix: str = "illustration",
-    ):
+    def __init__(self, parameters: LimbParameters, meshcat: Meshcat, limb: str = "limb"):
         """
         Args:
             parameters: description of the limb.
-            meshcat: scene in which the limb is shown.
+            meshcat: scene in which `AddDefaultVisualization` shows the limb.
             limb: name of the limb's model instance.
-            prefix: path of the visualizer in the scene, by default the path of
-                `AddDefaultVisualization`.
         """
         super().__init__()
         self._parameters = parameters
         self._meshcat = meshcat
         path = limb.replace("::", "/")
-        self._paths = wire_paths(parameters, f"{prefix}/{path}/", path)
+        self._paths = wire_paths(parameters, f"illustration/{path}/", path)
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
         self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))

@@ -7,6 +7,7 @@ import html
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -32,22 +33,9 @@ from limb_systems.views.limb_view import (
 from limb_systems.views.template import template
 
 
-def write_meshcat_replay(
-    path: str | Path,
-    motion: Recording | Planned,
-    *,
-    plan: Trajectory | None = None,
-    title: str = "",
-    frames_per_second: float = 20.0,
-) -> None:
-    """Write a page that replays a motion in 3D, over and over, in any browser; see `replay_page`.
-
-    Args:
-        path: the HTML file, which is written whole or not at all.
-        motion, plan, title, frames_per_second: arguments of `replay_page`.
-    """
-    page = replay_page(motion, plan=plan, title=title, frames_per_second=frames_per_second)
-    write_atomically(path, page)
+def write_meshcat_replay(path: str | Path, motion: Recording | Planned, **options: Any) -> None:
+    """Write the page of `replay_page`, with its options, whole or not at all."""
+    write_atomically(path, replay_page(motion, **options))
 
 
 def replay_page(

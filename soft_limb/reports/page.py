@@ -7,12 +7,11 @@ import base64
 import dataclasses
 import functools
 import io
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -121,24 +120,14 @@ def facts(summary: Summary) -> Markup:
 
 
 def chart(panels: Sequence[Panel], description: str) -> Markup:
-    """Return panels as an interactive chart; equal panels give equal bytes."""
+    """Return panels as an interactive chart."""
     # Importing Bokeh takes as long as importing everything else.
     from bokeh.embed import json_item
 
     from soft_limb.reports import charts
 
-    numbers: dict[str, str] = {}
-
-    def renumber(model: dict[str, Any]) -> dict[str, Any]:
-        """Number a model within this chart: Bokeh numbers all models since its import."""
-        if "id" in model:
-            model["id"] = numbers.setdefault(model["id"], f"p{len(numbers)}")
-        return model
-
-    # Number the models, and let the page choose the element to draw in.
-    item = json.loads(json.dumps(json_item(charts.chart(panels))), object_hook=renumber)
-    item["root_id"] = numbers[item["root_id"]]
-    item["target_id"] = None
+    item = json_item(charts.chart(panels))
+    item["target_id"] = None  # the page chooses the element to draw in
     return part("chart", item, description)
 
 

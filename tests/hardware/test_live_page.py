@@ -437,7 +437,7 @@ def test_a_value_that_is_missing_is_a_gap_and_charts_that_fail_leave_the_texts(m
     told = page.source.data
     assert np.isnan([*told["bend_angle_0"], *told["reference_0"]]).all()
     assert told["measured_temperature_1"] == [20.0]
-    monkeypatch.setattr(live_page, "figures", lambda *_: 1 / 0)
+    monkeypatch.setattr(live_page, "panels", lambda *_: 1 / 0)
     run.begin(RunHeader("another limb", motion.parameters, 110.0, 20.0))
     with pytest.raises(ZeroDivisionError):  # which the server logs
         page.update()
