@@ -14,7 +14,7 @@ from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
-from soft_limb.startup import exit_before_start
+from soft_limb import exit_before_start
 
 EXIT_STATUS = (
     "exit status: 0 done; 1 failed; 2 wrong usage, or import or fit has a question; "

@@ -44,10 +44,10 @@ def limb_sdf(
         _add_joint(model, joint, remaining_springs)
     # Add the frames and the filters of collisions.
     for frame in robot.findall("frame"):
-        place = _add(model, "frame", name=frame.get("name"), attached_to=frame.get("link"))
+        place = _add(model, "frame", name=frame.attrib["name"], attached_to=frame.attrib["link"])
         _add(place, "pose", _pose(frame))
     for group in robot.findall("drake:collision_filter_group"):
-        element = _add(model, group.tag, name=group.get("name"))
+        element = _add(model, group.tag, name=group.attrib["name"])
         for part in group:
             _add(element, part.tag, part.get("link") or part.get("name"))
     return document(sdf)

@@ -21,9 +21,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
+from limb_systems.drake_python import weak_method
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
@@ -40,6 +41,7 @@ WIRE_COLORS = np.array(
 # Directions from limbs in a plane, and in space, to the camera.
 PLANAR_VIEW_DIRECTION = (0.0, -0.42, 0.91)
 SPATIAL_VIEW_DIRECTION = (0.64, -0.64, 0.42)
+PUBLISH_PERIOD = 1 / 32  # s, of `WireColors`
 _CYLINDER_ALONG_E1 = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
 _NUM_CAMERA_POSES = 60  # poses of a motion that the camera must see
@@ -320,3 +322,35 @@ class LimbView:
             "/Cameras/default/rotated/<object>", "fov", np.degrees(_FIELD_OF_VIEW)
         )
         self._meshcat.SetCameraPose(center + distance * to_eye, center)
+
+
+class WireColors(LeafSystem):
+    """A block that colours the wires of a limb in the scene of Drake's MeshcatVisualizer.
+
+    - input 0 ``wire_temperature``: T (W), °C
+    """
+
+    __slots__ = ()  # see limb_systems.drake_python
+
+    def __init__(self, parameters: LimbParameters, meshcat: Meshcat, limb: str = "limb"):
+        """
+        Args:
+            parameters: description of the limb.
+            meshcat: scene in which `AddDefaultVisualization` shows the limb.
+            limb: name of the limb's model instance.
+        """
+        super().__init__()
+        self._parameters = parameters
+        self._meshcat = meshcat
+        path = limb.replace("::", "/")
+        self._paths = wire_paths(parameters, f"illustration/{path}/", path)
+        self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
+        self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
+        self.DeclareForcedPublishEvent(weak_method(self._publish))
+
+    def _publish(self, context) -> None:
+        temperature = self.get_input_port().Eval(context)
+        colors = linear_wire_color(self._parameters, temperature)
+        for paths, color in zip(self._paths, colors, strict=True):
+            for path in paths:
+                self._meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
