@@ -10,7 +10,7 @@ from pydrake import trajectories
 from hardware.board.signals import default_signal_handlers
 from limb_systems import LimbParameters, Recording, Trajectory, resting_state
 from planners import Task, TaskError, plan, references
-from soft_limb.results.folder import guess_file_kind
+from soft_limb.results.read_result import guess_file_kind
 
 NAMED_REFERENCES = {
     "ramps": references.ramps,

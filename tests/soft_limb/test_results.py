@@ -22,7 +22,7 @@ from limb_systems import (
 from limb_systems.connected_limbs import CONNECTED_FIELDS
 from soft_limb.command import main
 from soft_limb.reports import page
-from soft_limb.results import folder as folder_of_results
+from soft_limb.results import read_result as results
 from soft_limb.results.comparison import Change, compare
 from soft_limb.results.read_result import read_result
 from walking import RobotParameters
@@ -129,7 +129,7 @@ def test_kinds_of_limb_and_robot_cover_all_fields():
     limb, robot = (
         {f.name for f in dataclasses.fields(c)} for c in (LimbParameters, RobotParameters)
     )
-    assert limb == folder_of_results._LIMB
+    assert limb == results._LIMB
     assert robot - limb == CONNECTED_FIELDS
 
 
