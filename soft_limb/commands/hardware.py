@@ -5,6 +5,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from serial.tools import list_ports
@@ -59,6 +60,9 @@ from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
 from soft_limb.runs.plan_run import NAMED_REFERENCES, load_task, plan_from_files
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
+
+if TYPE_CHECKING:
+    from soft_limb.live_page import LivePage
 
 FOLLOW_FILES = ("plan.csv", "recording.csv", "report.html")
 SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
@@ -235,31 +239,45 @@ def _board_check(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    # Check the files before the run.
     outputs = checked_outputs(options, options.trajectory)
     trajectory = Trajectory.load(options.trajectory)
-    # Drive the limb.
     with live_page(options) as live:
         if live:
             live.say(f"Replay of {options.trajectory}, controller {options.controller}")
-        rollout = roll_out(
-            trajectory,
-            lambda: _limb(trajectory.parameters, options),
-            options.output,
-            controller=options.controller,
-            real_time=bool(options.port),
-            live=live,
-        )
-        # Write picture and report while the page still shows the run.
-        summary = rollout.summary()
-        save_panels(tracking_panels(trajectory, [rollout.recording]), options.plot)
-        if options.report:
-            data = {"plan": options.trajectory, "recording": options.output}
-            write_rollout_report(rollout, summary, options.report, data)
-        print_summary(options, summary, outputs)
-        if live:
-            live.end(rollout.recording.interrupted or DONE)
-    return 1 if rollout.recording.interrupted else 0  # an emulated limb may cut out
+        data = {"plan": options.trajectory, "recording": options.output}
+        return _drive(options, trajectory, data, options.report, outputs, live)
+
+
+def _drive(
+    options: argparse.Namespace,
+    trajectory: Trajectory,
+    data: dict[str, Path],
+    report: Path | None,
+    outputs: list[Path | None],
+    live: "LivePage | None",
+) -> int:
+    """Drive a limb along a plan, write and print the results, and return the exit status.
+
+    ``data`` has the files of the plan and of the recording to write.
+    """
+    rollout = roll_out(
+        trajectory,
+        lambda: _limb(trajectory.parameters, options),
+        data["recording"],
+        controller=options.controller,
+        real_time=bool(options.port),
+        live=live,
+    )
+    # Write picture and report while the page still shows the run.
+    recording = rollout.recording
+    summary = rollout.summary()
+    save_panels(tracking_panels(trajectory, [recording]), vars(options).get("plot"))
+    if report:
+        write_rollout_report(rollout, summary, report, data)
+    print_summary(options, summary, outputs)
+    if live:
+        live.end(recording.interrupted or DONE)
+    return 1 if recording.interrupted else 0  # an emulated limb may cut out
 
 
 def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
@@ -321,24 +339,9 @@ def _follow(options: argparse.Namespace) -> int:
         trajectory.save(plan_file)
         # Drive the limb along the plan.
         duration = f"{trajectory.duration:g} s"
-        controller = options.controller
-        begin_step(f"Following {options.reference} for {duration}, controller {controller}")
-        rollout = roll_out(
-            trajectory,
-            lambda: _limb(trajectory.parameters, options),
-            recording_file,
-            controller=controller,
-            real_time=bool(options.port),
-            live=live,
-        )
-        # Write the report while the page still shows the run.
-        summary = rollout.summary()
+        begin_step(f"Following {options.reference} for {duration}, controller {options.controller}")
         data = {"plan": plan_file, "recording": recording_file}
-        write_rollout_report(rollout, summary, report, data)
-        print_summary(options, summary, outputs)
-        if live:
-            live.end(rollout.recording.interrupted or DONE)
-    return 1 if rollout.recording.interrupted else 0
+        return _drive(options, trajectory, data, report, [*outputs], live)
 
 
 def _learn(options: argparse.Namespace) -> int:
