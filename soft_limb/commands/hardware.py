@@ -49,6 +49,7 @@ from soft_limb.commands.options import (
     Command,
     Option,
     checked_outputs,
+    count,
     live_page,
     print_duration,
     print_summary,
@@ -345,8 +346,6 @@ def _follow(options: argparse.Namespace) -> int:
 
 
 def _learn(options: argparse.Namespace) -> int:
-    if options.repetitions < 1:
-        raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     # Continue an earlier run in this folder, or begin.
     trajectory = Trajectory.load(options.trajectory)
     folder = options.output
@@ -363,14 +362,14 @@ def _learn(options: argparse.Namespace) -> int:
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
     # Say how long it takes.
-    count = options.repetitions
-    each = f"{count} repetition{'s' * (count > 1)} of {trajectory.duration:g} s"
+    number = options.repetitions
+    each = f"{number} repetition{'s' * (number > 1)} of {trajectory.duration:g} s"
     if options.port:
         print_duration(f"{each}, with a rest of some minutes after each, until the wires are cool")
     elif options.live:
         print_duration(f"{each}, in real time")
     else:
-        about = count * trajectory.duration / SIMULATION_SPEED
+        about = number * trajectory.duration / SIMULATION_SPEED
         print_duration(f"about {max(1.0, about):.0f} s for {each}")
     # Repeat with a limb that has rested before each repetition.
     limbs: Callable[[], LimbSystem]
@@ -383,7 +382,7 @@ def _learn(options: argparse.Namespace) -> int:
             else:
                 twin = _twin(trajectory.parameters, options)
                 limbs = repetitions.make_rested_twins(twin, trajectory, learner)
-            repetitions.repeat(learner, limbs, count, folder, announce=print_repetition, live=live)
+            repetitions.repeat(learner, limbs, number, folder, announce=print_repetition, live=live)
     except LimbError:
         repetitions.report_repetitions(learner, folder)
         raise
@@ -552,7 +551,7 @@ COMMANDS = {
             Option(
                 "-n",
                 "--repetitions",
-                type=int,
+                type=count,
                 default=10,
                 help="repetitions in total, including earlier runs (default %(default)s)",
             ),

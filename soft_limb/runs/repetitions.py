@@ -1,5 +1,6 @@
 """Repeat a plan on a limb, and learn from each repetition to follow it."""
 
+import itertools
 import re
 import time
 from collections.abc import Callable
@@ -100,15 +101,9 @@ def make_rested_twins(
     If there are repetitions of earlier programs, their time passes first, so that the noise of
     the sensors is not the same again.
     """
-    pause = len(learner.repetitions) * (trajectory.duration + REST_TIME)
-
-    def rested_twin() -> LimbSystem:
-        nonlocal pause
-        limb = twin.after_rest(pause)
-        pause = REST_TIME
-        return limb
-
-    return rested_twin
+    passed = len(learner.repetitions) * (trajectory.duration + REST_TIME)
+    pauses = itertools.chain([passed], itertools.repeat(REST_TIME))
+    return lambda: twin.after_rest(next(pauses))
 
 
 def make_rested_robots(
