@@ -45,7 +45,6 @@ class WireDirection:
     - ``angle``: direction of its bend from +E2 towards +E3, rad; 0 or π in a plane.
     - ``off``: the same from where the wire is described, rad.
     - ``error``: standard error of ``off``, rad.
-    - ``gain``: bend at lasting full duty, if the limb were linear, rad.
     - ``delay``: time constant of the heat, s.
     - ``correlation``: r of the wire's own share of the bend with its heat.
     """
@@ -54,17 +53,14 @@ class WireDirection:
     angle: float
     off: float
     error: float
-    gain: float
     delay: float
     correlation: float
 
     def __str__(self) -> str:
-        angle, off, gain = np.rad2deg([self.angle, self.off, self.gain])
-        error = np.rad2deg(self.error)
+        angle, off, error = np.rad2deg([self.angle, self.off, self.error])
         return (
             f"the {self.name} wire bends to {angle:.0f}° ({off:+.0f} ± {error:.0f}° from its "
-            f"description), by {gain:.0f}° at full duty, after {self.delay:.0f} s, "
-            f"r = {self.correlation:.2f}"
+            f"description), after {self.delay:.0f} s, r = {self.correlation:.2f}"
         )
 
 
@@ -112,7 +108,6 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
                 _wrapped(angle),
                 _wrapped(angle - described),
                 float(np.hypot(ERROR_WIDENING * error / size, PLACEMENT_ERROR)),
-                size,
                 delay,
                 float(np.corrcoef(share, wire_heat)[0, 1]) if share.any() else 0.0,
             )
@@ -216,5 +211,5 @@ def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(angle: Any) -> Any:
-    """Return an angle, or angles, from -π to π."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
+    """Return an angle, or angles, above -π and up to π."""
+    return np.pi - (np.pi - angle) % (2 * np.pi)

@@ -12,6 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
+from hardware.board.journal import closing
 from hardware.live_feed import LiveView
 from hardware.replaying import record_with_journal
 from limb_systems import LimbError, LimbParameters, LimbSystem, Recording
@@ -70,24 +71,26 @@ def collect_equilibria(
     Raises:
         LimbError: if an argument makes no sense.
     """
-    check_limb(limb)
-    heated = heated_wires(limb.parameters, actuated)
-    if num_angles < 1 or seed < 0:
-        raise LimbError(
-            f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there must "
-            "be an angle at least, and the seed must be zero or more."
+    with closing(check_limb(limb)):
+        heated = heated_wires(limb.parameters, actuated)
+        if num_angles < 1 or seed < 0:
+            raise LimbError(
+                f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there "
+                "must be an angle at least, and the seed must be zero or more."
+            )
+        # Draw random angles to the sides of the heated wires.
+        wires = only_segment(limb.parameters).wires
+        sides = np.sign([wires[index].lever[0] for index in heated])
+        low = min(0, *sides)
+        high = max(0, *sides)
+        angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
+        # Hold them by PI control.
+        schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
+        controller = BendAngleController(limb.parameters, actuated)
+        duration = num_angles * longest
+        return _record(
+            limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule
         )
-    # Draw random angles to the sides of the heated wires.
-    wires = only_segment(limb.parameters).wires
-    sides = np.sign([wires[index].lever[0] for index in heated])
-    low = min(0, *sides)
-    high = max(0, *sides)
-    angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
-    # Hold them by PI control.
-    schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
-    controller = BendAngleController(limb.parameters, actuated)
-    duration = num_angles * longest
-    return _record(limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule)
 
 
 def collect_sag(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
@@ -144,9 +147,10 @@ def collect_excitation(
     **outputs: Unpack[Outputs],
 ) -> Recording:
     """Return one of `excitations`, with duty that is limited by the limb as calibrated so far."""
-    source = LimitedDuty(known, excitation.duty)
-    duration = excitation.duty.end_time()
-    return _record(limb, source, duration, excitation.kind, outputs, seed=excitation.seed)
+    with closing(check_limb(limb)):
+        source = LimitedDuty(known, excitation.duty)
+        duration = excitation.duty.end_time()
+        return _record(limb, source, duration, excitation.kind, outputs, seed=excitation.seed)
 
 
 def _zero_duty(limb: LimbSystem) -> LeafSystem:
