@@ -11,9 +11,11 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     Limb,
+    LimbError,
     LimbModel,
     LimbParameters,
     SegmentParameters,
+    ThresholdLaw,
     bend_angle,
     joint_angles_from_bend_angle,
     simulate,
@@ -320,6 +322,9 @@ def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
         change = step * np.eye(1, len(start), index)[0]
         by_cost = (program.cost(start + change) - program.cost(start - change)) / (2 * step)
         assert balance[index] == pytest.approx(-by_cost, rel=1e-5, abs=1e-6)
+    solution.multipliers = None
+    with pytest.raises(LimbError, match="was not solved by its cheap blocks"):
+        estimate_multipliers(program, start, motion_slopes, quasi_static, solution)
 
 
 def test_clarabel_and_ipopt_solve_the_start_with_the_same_multipliers():
@@ -347,6 +352,25 @@ def test_the_start_of_a_limb_whose_bend_is_not_linear_obeys_the_program():
     x = program.linear_start().x
     for block in program.blocks:
         np.testing.assert_allclose(block.evaluate(x), block.lower, atol=1e-4)
+
+
+def test_plans_that_may_be_stretched_start_from_the_plan_at_the_times_of_the_reference():
+    """Also where wires are not linear, whose start is the best duty of linear wires."""
+    times, cold, limb = np.linspace(0.0, 24.0, 61), np.full(6, 25.0), LimbParameters()
+    reference = np.deg2rad(25.0) * np.sin(times / 2)[None]
+    linear = LimbModel(LimbParameters())
+    for wire in limb.wires:
+        wire.law = ThresholdLaw()
+    curved = LimbModel(limb)
+    starts = []
+    for task in (Task(), Task(stretch=(0.5, 2.0), time_weight=10.0)):
+        _, start = solve_quasi_static(
+            linear, times, reference, cold[:4], task, warm_up_time=20.0, is_start=True
+        )
+        program = QuasiStaticProgram(curved, times, curved.statics, task)
+        program.update(reference, cold, 20.0)
+        starts.append(np.append(start.x, program.guess()[program.duty]))
+    np.testing.assert_array_equal(*starts)
 
 
 @pytest.fixture
