@@ -21,7 +21,6 @@ from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-import urdf
 from limb_systems import (
     Limb,
     LimbError,
@@ -148,16 +147,6 @@ def test_a_limb_makes_hydroelastic_contact_with_rigid_ground_alone(is_rigid, mak
     results = plant.get_contact_results_output_port().Eval(context)
     assert (results.num_hydroelastic_contacts() > 0) == makes_surfaces
     assert (results.num_point_pair_contacts() > 0) != makes_surfaces
-
-
-def test_the_package_has_the_nominal_limb_by_its_url():
-    plant = MultibodyPlant(1e-3)
-    parser = Parser(plant)
-    parser.package_map().PopulateFromFolder(next(iter(urdf.__path__)))
-    parser.SetStrictParsing()
-    (limb,) = parser.AddModelsFromUrl("package://soft_limb/limb_5.sdf")
-    plant.Finalize()
-    assert plant.num_actuated_dofs(limb) == 5
 
 
 def test_models_that_do_not_fit_their_description_are_refused():

@@ -52,11 +52,6 @@ def paper_cost(angles, duty, angles_ref):
     return cost + 0.5 * deviation @ (1000 * 100 * deviation)
 
 
-def cost_of(trajectory):
-    angles_ref = joint_angles_from_bend_angle(trajectory.parameters, trajectory.reference)
-    return paper_cost(trajectory.joint_angles, trajectory.duty, angles_ref)
-
-
 def short_reference(amplitude_deg=15.0, duration=6.0):
     return references.from_samples(
         [0.0, 1.0, 1.01, duration], np.deg2rad([0.0, 0.0, amplitude_deg, amplitude_deg])
@@ -64,7 +59,9 @@ def short_reference(amplitude_deg=15.0, duration=6.0):
 
 
 def test_cost_is_eqn_15(fig5_plan):
-    assert fig5_plan.check.cost == pytest.approx(cost_of(fig5_plan), rel=1e-9)
+    angles_ref = joint_angles_from_bend_angle(fig5_plan.parameters, fig5_plan.reference)
+    cost = paper_cost(fig5_plan.joint_angles, fig5_plan.duty, angles_ref)
+    assert fig5_plan.check.cost == pytest.approx(cost, rel=1e-9)
 
 
 def test_starts_at_the_initial_state(fig5_plan):
@@ -189,15 +186,12 @@ def test_active_constraints_are_named_with_their_time(fig5_plan):
     assert any(bound == "wire left = T_warm" and 22 < start < 25 for bound, start in stretches)
 
 
-def hot_start():
-    return np.r_[np.zeros(10), [25.0, 130.0, 25.0, 25.0]]
-
-
 def test_unreachable_temperatures_are_named_before_ipopt_runs(monkeypatch):
+    hot = np.r_[np.zeros(10), [25.0, 130.0, 25.0, 25.0]]
     for changes, arguments, message in [
         ({"warm_up_time": 0.5}, {}, r"left wire cannot be at T_warm = 45 °C .* from 1\.0[45]"),
         ({"a2": 1.0}, {}, r"right wire cannot .* it never gets above 39\.29 °C"),
-        ({}, {"initial_state": hot_start()}, r"right wire starts at 130 °C, above T_max = 100"),
+        ({}, {"initial_state": hot}, r"right wire starts at 130 °C, above T_max = 100"),
     ]:
         monkeypatch.setattr(planning, "solve_program", lambda *_: pytest.fail("IPOPT ran"))
         parameters = LimbParameters()
