@@ -83,9 +83,9 @@ class LogTable:
         is_kept = [name in names for name in self.names]
         if all(is_kept) or not names <= {*self.names}:  # some are given by number
             return self
-        names = list(itertools.compress(self.names, is_kept))
+        kept_names = list(itertools.compress(self.names, is_kept))
         units = list(itertools.compress(self.units, is_kept))
-        return dataclasses.replace(self, names=names, units=units, values=self.values[is_kept])
+        return dataclasses.replace(self, names=kept_names, units=units, values=self.values[is_kept])
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
