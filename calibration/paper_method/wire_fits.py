@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import OptimizeResult, least_squares
 
@@ -193,7 +192,7 @@ def fit_heat_transfer(
     block_time = min(RESIDUAL_BLOCK_TIME, since[-1] / MIN_BLOCKS)
     blocks = (since / block_time).astype(int)[is_read]
 
-    def fit_in(room: float, x: ArrayLike) -> OptimizeResult:
+    def fit_in(room: float, x: np.ndarray) -> OptimizeResult:
         """Return the fit with T0 at a temperature, °C, from a start."""
         weights = 1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE
         for _ in range(1 + NUM_REWEIGHTINGS):
@@ -207,7 +206,7 @@ def fit_heat_transfer(
             weights = 1 / heat_deviation, 1 / angle_deviation
         return fit
 
-    fit = fit_in(ambient, guess)
+    fit = fit_in(ambient, np.array(guess))
     simulated_wire, simulated_readings, simulated_bend = simulated(fit.x, ambient)
     # Standard errors by the jackknife over blocks, and by a fit with T0 off by its error.
     clusters = np.tile(blocks, 2)
