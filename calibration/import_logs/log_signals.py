@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.import_logs import cells, clock
+from calibration.import_logs import clock
 from calibration.import_logs.evidence import forward_fill
 from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
 from calibration.import_logs.points import link_directions, wrapped
-from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
+from calibration.import_logs.table import LogError, LogTable, number, read_table, unique_names
 from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.recording import Recording
@@ -356,7 +356,7 @@ def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) 
 
 def _numbers(table: LogTable, column: str, mapping: LogMapping) -> np.ndarray:
     """Return a column (K,) with nan for numbers that stand for no reading; words are nan."""
-    missing = list(map(cells.number, mapping.missing))
+    missing = list(map(number, mapping.missing))
     values = table.numbers(column)
     return np.where(np.isin(values, missing), np.nan, values)
 
