@@ -5,7 +5,6 @@ import functools
 import importlib
 import inspect
 import itertools
-import os
 import pkgutil
 import re
 import runpy
@@ -36,8 +35,7 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, SerialLimb, Station
-from hardware.board.journal import Journal
-from hardware.live_feed import Feed
+from hardware.board.listener import SignalListener
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
@@ -54,7 +52,6 @@ from limb_systems import (
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.signal_table import column_names
-from limb_systems.simulation import RecordOptions
 from planners import plan
 from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
@@ -314,8 +311,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         RecedingHorizon(short_plan),
         TemperatureSupervisor(nominal),
         SerialLimb("port"),
-        Feed(None, Limb()),
-        Journal(os.devnull, Limb(), RecordOptions()),
+        SignalListener({"duty": 2}, 20.0, print),
         LimbActuation(),
         WireColors(nominal, meshcat),
         station,
