@@ -90,10 +90,10 @@ class LogTable:
         is_kept = [name in names for name in self.names]
         if all(is_kept) or not names <= {*self.names}:  # some are given by number
             return self
-        fields = {}
-        for field in ("names", "units"):
-            fields[field] = list(itertools.compress(getattr(self, field), is_kept))
-        return dataclasses.replace(self, values=self.values[is_kept], **fields)
+        kept_names = list(itertools.compress(self.names, is_kept))
+        kept_units = list(itertools.compress(self.units, is_kept))
+        values = self.values[is_kept]
+        return dataclasses.replace(self, names=kept_names, units=kept_units, values=values)
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
@@ -288,11 +288,8 @@ def read_table(
 ) -> LogTable:
     """Read a log whatever wrote it, and show the progress on a terminal.
 
-    Args:
-        delimiter, decimal, names_line: as in `LogTable.form`; the log shows them if left out.
-
-    Raises:
-        LogError: with one sentence, if it is no table of text with rows of numbers.
+    The log shows its form if ``delimiter``, ``decimal`` and ``names_line``, as in `LogTable.form`,
+    are left out. LogError if it is no table of text with rows of numbers.
     """
     check_file(path, "log", LARGEST_TABLE, LogError)
     path = Path(path)
