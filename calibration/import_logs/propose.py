@@ -289,8 +289,8 @@ class Columns:
         unpaired = ColumnList(self.temperatures)
         warming = np.zeros((len(unpaired), len(self.wires)))
         errors = np.zeros_like(warming)
-        for number, column in enumerate(unpaired):
-            warming[number], errors[number] = self.steps.response(self.heats, column.means)
+        for row, column in enumerate(unpaired):
+            warming[row], errors[row] = self.steps.response(self.heats, column.means)
         warmed_rows = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
         labels = self.duties.each("name.label")
@@ -302,8 +302,8 @@ class Columns:
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
             named = self.temperatures.labelled(label)
-            row = warmed_rows[index]
-            warmed = None if row is None else self.temperatures[row]
+            warmed_row = warmed_rows[index]
+            warmed = None if warmed_row is None else self.temperatures[warmed_row]
             reason = ""
             if len(named) > 1:
                 reason = f"Several have the name of {wire.name}"

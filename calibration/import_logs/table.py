@@ -91,9 +91,8 @@ class LogTable:
         if all(is_kept) or not names <= {*self.names}:  # some are given by number
             return self
         kept_names = list(itertools.compress(self.names, is_kept))
-        kept_units = list(itertools.compress(self.units, is_kept))
-        values = self.values[is_kept]
-        return dataclasses.replace(self, names=kept_names, units=kept_units, values=values)
+        units = list(itertools.compress(self.units, is_kept))
+        return dataclasses.replace(self, names=kept_names, units=units, values=self.values[is_kept])
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
