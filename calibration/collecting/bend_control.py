@@ -10,7 +10,6 @@ from calibration.recordings.kinds import heated_wires, only_segment
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.simulation import PERIOD
-from limb_systems.wires import Wires
 
 DUTY_TAPER = 15.0  # °C below the cut-out, over which the largest duty falls to zero
 CUT_OUT_MARGIN = 5.0  # °C below T_max, where a wire is switched off
@@ -57,12 +56,14 @@ class BendAngleController(LeafSystem):
         wires = LimbModel.of(parameters).wires
         # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
         middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
-        temperature = np.full(wires.num_wires, middle)
-        temperature[-1] = middle - 1.0
-        cooler_torque, cooler_duty = _holding_torque_and_duty(wires, temperature)
-        temperature[-1] = middle + 1.0
-        warmer_torque, warmer_duty = _holding_torque_and_duty(wires, temperature)
-        steady = (warmer_torque - cooler_torque) / (warmer_duty - cooler_duty)
+        torques = []
+        duties = []
+        for last in (middle - 1.0, middle + 1.0):
+            temperature = np.append(np.full(wires.num_wires - 1, middle), last)
+            states = wires.settled_states(temperature)
+            torques.append(wires.forces(states, np.zeros(len(wires.levers)))[0])
+            duties.append(wires.holding_duty(states)[-1])
+        steady = (torques[1] - torques[0]) / (duties[1] - duties[0])
         gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
         # Choose gains for a loop gain of 1.5 and a zero at the slowest pole.
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
@@ -81,9 +82,8 @@ class BendAngleController(LeafSystem):
         state = self.DeclareDiscreteState(1 + 2 * wires.num_wires)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        declare_state_output(
-            self, "duty", state, slice(1 + wires.num_wires, 1 + 2 * wires.num_wires)
-        )
+        duty = slice(1 + wires.num_wires, 1 + 2 * wires.num_wires)
+        declare_state_output(self, "duty", state, duty)
 
     def _update(self, context, discrete_state):
         # Calculate with numbers, because arrays of one or two take several times as long.
@@ -113,13 +113,6 @@ class BendAngleController(LeafSystem):
             wanted_duty = self._co_contraction + bend_sign * command
             duty.append(min(max(wanted_duty, 0.0), limit))
         discrete_state.set_value([integral, *is_cut_out, *duty])
-
-
-def _holding_torque_and_duty(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
-    """Return the first joint's torque, N·m, and the last wire's duty, with wires held at T (W,)."""
-    states = wires.settled_states(temperature)
-    torque = wires.forces(states, np.zeros(len(wires.levers)))[0]
-    return float(torque), float(wires.holding_duty(states)[-1])
 
 
 class EquilibriumSchedule(LeafSystem):

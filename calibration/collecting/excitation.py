@@ -23,13 +23,7 @@ from limb_systems.simulation import PERIOD
 
 NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
-# Durations in a mounting, s: before the first heat, of a level of one wire and of a pair of wires,
-# of cooling after a wire or a pair, and without heat before the recording.
-MOUNTED_START_TIME = 10.0
-MOUNTED_WIRE_TIME = 15.0
-MOUNTED_PAIR_TIME = 30.0
-MOUNTED_COOLING_TIME = 40.0
-MOUNTED_PAUSE = 60.0
+MOUNTED_COOLING_TIME = 40.0  # s, after a wire or a pair
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
 OFF_AND_ON = np.array([0.0, 1.0]).reshape(2, 1, 1, 1)  # duty of all wires of all limbs
 RISE_TAPER_SHARE = 0.2  # share of a rise, over which the duty is reduced
@@ -75,17 +69,17 @@ def mountings(num_wires: int) -> list[Excitation]:
     unit_levels = np.eye(num_wires)
     off = np.zeros(num_wires)
     # The parts of the duty: durations, s, and duties (W,).
-    parts = [(MOUNTED_START_TIME, off)]
+    parts = [(10.0, off)]
     for wire in unit_levels:
-        parts += [(MOUNTED_WIRE_TIME, level * wire) for level in MOUNTED_LEVELS]
+        parts += [(15.0, level * wire) for level in MOUNTED_LEVELS]
         parts.append((MOUNTED_COOLING_TIME, off))
     pairs = unit_levels + np.roll(unit_levels, 1, axis=1)
     # Two wires are neighbours twice, on both sides, but are one pair: np.unique drops the second.
     for pair in np.unique(pairs, axis=0) if num_wires > 1 else ():
-        parts.append((MOUNTED_PAIR_TIME, MOUNTED_LEVELS[1] * pair))
+        parts.append((30.0, MOUNTED_LEVELS[1] * pair))
         parts.append((MOUNTED_COOLING_TIME, off))
     return [
-        Excitation(name, "heated", pause=MOUNTED_PAUSE, duty=_held_levels(parts), turned=turned)
+        Excitation(name, "heated", pause=60.0, duty=_held_levels(parts), turned=turned)
         for name, turned in zip(MOUNTINGS, MOUNTING_ANGLES, strict=True)
     ]
 
@@ -131,16 +125,15 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
         motion.append((duration, np.roll(np.resize([left, right], num_wires), turn)))
 
     random_parts = [*_random_levels(random, num_wires), (120.0, off)]
-    return [
+    result = [
         Excitation("conditioning", "heated", 0.0, _held_levels(conditioning)),
         Excitation("pulses", "heated", 5.0, _held_levels(pulses), seed),
         Excitation("ramps", "heated", 5.0, _held_levels(ramps)),
         Excitation("random", "heated", 5.0, _held_levels(random_parts), seed),
-        *(
-            Excitation(f"motion_{n}", "motion", 120.0, _held_levels(motion))
-            for n in range(1, NUM_MOTIONS + 1)
-        ),
     ]
+    for number in range(1, NUM_MOTIONS + 1):
+        result.append(Excitation(f"motion_{number}", "motion", 120.0, _held_levels(motion)))
+    return result
 
 
 # s, and duty of left and right: to both sides, with both wires warm, as plans do it.
@@ -244,9 +237,8 @@ class LimitedDuty(_DutyByReadings):
     def _start(self, context, discrete_state):
         measured = self.get_input_port().Eval(context)
         states = np.zeros(self._shape)
-        for row, cold, name in zip(
-            states, self._law.cold_states(0.0), self._law.states, strict=True
-        ):
+        cold_states = zip(states, self._law.states, self._law.cold_states(0.0), strict=True)
+        for row, name, cold in cold_states:
             # Silicone is at most as warm as what the thermocouple reads.
             row[...] = np.nan_to_num(measured, nan=self._highest)
             if not self._law.is_temperature(name):

@@ -32,6 +32,7 @@ from soft_limb.commands.logs import EXIT_QUESTIONS, fit_command, shell_command
 from soft_limb.commands.options import (
     Command,
     Option,
+    checked_outputs,
     live_page,
     print_summary,
     save_panels,
@@ -283,15 +284,7 @@ def _recorded_robot(options: argparse.Namespace) -> ConnectedLimbs | None:
 
 def _validate(options: argparse.Namespace) -> int:
     # Check and load the files.
-    outputs = [options.plot, options.report]
-    inputs = [options.limb, options.recording]
-    check_outputs(
-        outputs,
-        inputs=inputs,
-        pictures=[options.plot],
-        pages=[options.report],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.limb, options.recording)
     limb = LimbParameters.load(options.limb)
     recording = Recording.load(options.recording)
     check_recording(recording)
