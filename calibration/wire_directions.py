@@ -180,22 +180,19 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
 def _exchangeable_wires(
     directions: Sequence[WireDirection], segment: SegmentParameters
 ) -> list[WireDirection]:
-    """Return the wires that recordings do not tell from another wire; none if all are told."""
+    """Return the wires that recordings do not distinguish from another wire."""
     by_name = {direction.name: direction for direction in directions}
     doubtful: dict[str, WireDirection] = {}
     for one, other in itertools.combinations(segment.wires, 2):
         # Compare how well both wires fit where they are described, and exchanged.
-        angle_between = _wrapped(_described_angle(one, segment) - _described_angle(other, segment))
+        between = _wrapped(_described_angle(one, segment) - _described_angle(other, segment))
         chi_square = 0.0
-        pair = {}
-        for wire, sign in ((one, 1.0), (other, -1.0)):
+        for wire, turn in ((one, between), (other, -between)):
             if direction := by_name.get(wire.name):
-                pair[wire.name] = direction
-                off = direction.off
-                squares = _wrapped(off + sign * angle_between) ** 2 - off**2
+                squares = _wrapped(direction.off + turn) ** 2 - direction.off**2
                 chi_square += squares / direction.error**2
-        if angle_between and chi_square < MIN_CHI_SQUARE:
-            doubtful |= pair
+        if between and chi_square < MIN_CHI_SQUARE:
+            doubtful |= {name: by_name[name] for name in (one.name, other.name) if name in by_name}
     return list(doubtful.values())
 
 

@@ -89,28 +89,7 @@ def stack_limbs(
         ParameterError: if laws are of several classes, or differ in a word.
     """
     segments = [limb.segments[0] for limb in limbs]
-    # Stack the fields of the laws, all of one class.
-    laws: list[WireLaw] = []
-    for segment in segments:
-        laws += [wire.law for wire in segment.wires]
-    law_types = set(map(type, laws))
-    if len(law_types) > 1:
-        names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
-        raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
-    (law_type,) = law_types
-    fields: dict[str, Any] = {}
-    for field in dataclasses.fields(law_type):
-        values = [getattr(law, field.name) for law in laws]
-        if not isinstance(values[0], str):
-            fields[field.name] = np.reshape(values, (len(limbs), 1, -1))
-            continue
-        # A word chooses the equations, which are the same for all wires.
-        if len(words := sorted(set(values))) > 1:
-            raise ParameterError(
-                f"The laws of the wires have several words for {field.name}, "
-                f"{' and '.join(words)}; use one for all."
-            )
-        fields[field.name] = values[0]
+    law = stack_laws([[wire.law for wire in segment.wires] for segment in segments])
     # Stack the properties of the rubber.
     properties = ["stiffness", "rest_angle"]
     if any(segment.stiffening for segment in segments):
@@ -122,7 +101,31 @@ def stack_limbs(
     for name in ("shift", "rate") if memories else ():
         rubber[name] = np.array([getattr(memory, name) for memory in memories])
     ambient = np.array([limb.ambient_temperature for limb in limbs])
-    return with_fields(law_type, fields), ambient, rubber
+    return law, ambient, rubber
+
+
+def stack_laws(laws_by_limb: Sequence[Sequence[WireLaw]]) -> WireLaw:
+    """Return laws of the W wires of B limbs as one, with fields (B, 1, W); see `stack_limbs`."""
+    laws = list(itertools.chain(*laws_by_limb))
+    law_types = set(map(type, laws))
+    if len(law_types) > 1:
+        names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
+        raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
+    (law_type,) = law_types
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(law_type):
+        values = [getattr(law, field.name) for law in laws]
+        if not isinstance(values[0], str):
+            fields[field.name] = np.array(values, float).reshape(len(laws_by_limb), 1, -1)
+            continue
+        # A word chooses the equations, which are the same for all wires.
+        if len(words := sorted(set(values))) > 1:
+            raise ParameterError(
+                f"The laws of the wires have several words for {field.name}, "
+                f"{' and '.join(words)}; use one for all."
+            )
+        fields[field.name] = values[0]
+    return with_fields(law_type, fields)
 
 
 def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
