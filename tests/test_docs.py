@@ -4,7 +4,6 @@ import contextlib
 import functools
 import importlib
 import inspect
-import itertools
 import pkgutil
 import re
 import runpy
@@ -50,8 +49,6 @@ from limb_systems import (
     WireColors,
     WireParameters,
 )
-from limb_systems.files.csv_format import FORMAT_VERSION
-from limb_systems.files.signal_table import column_names
 from planners import plan
 from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
@@ -411,14 +408,3 @@ def test_parameters_on_the_page_are_the_nominal_ones():
     for field, (unit, text) in listed.items():
         assert unit == ranges[field]["unit"].replace("links", "1")
         assert tuple(map(float, text.split(" to "))) == ranges[field]["range"]
-
-
-def test_excerpts_of_files_are_of_this_format():
-    known = list(itertools.chain(*column_names(LimbParameters()).values()))
-    for path in {*PAGES.values()}:
-        for code, _ in blocks(TEXTS[path], "text"):
-            for line in code.splitlines():
-                if line.startswith("time_s,"):
-                    assert set(line.split(",")) <= set(known)
-                if line.startswith("# limb "):
-                    assert line.endswith(f", format {FORMAT_VERSION}")

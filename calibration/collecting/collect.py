@@ -88,9 +88,7 @@ def collect_equilibria(
         schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
         controller = BendAngleController(limb.parameters, actuated)
         duration = num_angles * longest
-        return _record(
-            limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule
-        )
+        return _record(limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule)
 
 
 def collect_sag(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:

@@ -304,8 +304,8 @@ class Columns:
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
             named = self.temperatures.labelled(label)
-            row = warmed_rows[index]
-            warmed = None if row is None else self.temperatures[row]
+            warmed_row = warmed_rows[index]
+            warmed = None if warmed_row is None else self.temperatures[warmed_row]
             reason = ""
             if len(named) > 1:
                 reason = f"Several have the name of {wire.name}"

@@ -83,10 +83,9 @@ class LogTable:
         is_kept = [name in names for name in self.names]
         if all(is_kept) or not names <= {*self.names}:  # some are given by number
             return self
-        fields = {}
-        for field in ("names", "units"):
-            fields[field] = list(itertools.compress(getattr(self, field), is_kept))
-        return dataclasses.replace(self, values=self.values[is_kept], **fields)
+        names = list(itertools.compress(self.names, is_kept))
+        units = list(itertools.compress(self.units, is_kept))
+        return dataclasses.replace(self, names=names, units=units, values=self.values[is_kept])
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""

@@ -126,13 +126,6 @@ def test_a_second_ctrl_c_at_the_end_prints_no_traceback(monkeypatch, capsys):
     assert len(left) < 9
 
 
-def test_collect_from_an_emulated_limb_replaces_no_recordings(tmp_path, capsys):
-    (tmp_path / "sag_1.csv").write_text("mine")
-    assert main(["collect", "-o", str(tmp_path)]) == 1
-    assert "holds recordings; give another folder, or --force" in capsys.readouterr().err
-    assert (tmp_path / "sag_1.csv").read_text() == "mine"
-
-
 def test_signals_end_code_that_cannot_handle_them():
     script = """
 import os, signal
