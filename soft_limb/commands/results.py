@@ -1,13 +1,14 @@
 """Commands that print and compare result files, and that convert them for other tools."""
 
 import argparse
+import functools
 import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbParameters, Recording, Trajectory
 from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
@@ -21,7 +22,14 @@ from soft_limb.results.summaries import troubles
 from urdf import limb_mjcf, limb_sdf, limb_urdf
 
 
-def _write_model(generate: Callable[..., str], limb: LimbParameters, path: Path) -> None:
+def _write_duty(write: Callable, plan: Trajectory, options: argparse.Namespace) -> None:
+    write(plan, options.output, options.rate, options.duty_max)
+
+
+def _write_model(
+    generate: Callable[..., str], limb: LimbParameters, options: argparse.Namespace
+) -> None:
+    path = options.output
     write_atomically(path, generate(limb.segments, path.stem, payload=limb.payload))
 
 
@@ -38,10 +46,10 @@ def _write_mjcf(limb: LimbParameters, options: argparse.Namespace) -> None:
 MJCF = ".xml"
 # Kind of the result, and its writer by the value and the options, for each suffix.
 _FORMATS: dict[str, tuple[str, Callable[[Any, argparse.Namespace], None]]] = {
-    ".csv": (TRAJECTORY, lambda plan, o: write_rows(plan, o.output, o.rate, o.duty_max)),
-    ".h": (TRAJECTORY, lambda plan, o: write_c_header(plan, o.output, o.rate, o.duty_max)),
-    ".sdf": (LIMB, lambda limb, o: _write_model(limb_sdf, limb, o.output)),
-    ".urdf": (LIMB, lambda limb, o: _write_model(limb_urdf, limb, o.output)),
+    ".csv": (TRAJECTORY, functools.partial(_write_duty, write_rows)),
+    ".h": (TRAJECTORY, functools.partial(_write_duty, write_c_header)),
+    ".sdf": (LIMB, functools.partial(_write_model, limb_sdf)),
+    ".urdf": (LIMB, functools.partial(_write_model, limb_urdf)),
     MJCF: (LIMB, _write_mjcf),
 }
 
