@@ -4,7 +4,6 @@ import contextlib
 import functools
 import importlib
 import inspect
-import os
 import pkgutil
 import re
 import runpy
@@ -35,8 +34,7 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, SerialLimb, Station
-from hardware.board.journal import Journal
-from hardware.live_feed import Feed
+from hardware.board.listener import SignalListener
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
@@ -51,7 +49,6 @@ from limb_systems import (
     WireColors,
     WireParameters,
 )
-from limb_systems.simulation import RecordOptions
 from planners import plan
 from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
@@ -311,8 +308,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         RecedingHorizon(short_plan),
         TemperatureSupervisor(nominal),
         SerialLimb("port"),
-        Feed(None, Limb()),
-        Journal(os.devnull, Limb(), RecordOptions()),
+        SignalListener({"duty": 2}, 20.0, print),
         LimbActuation(),
         WireColors(nominal, meshcat),
         station,

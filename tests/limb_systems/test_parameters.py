@@ -193,3 +193,15 @@ def test_a_file_with_any_built_in_law_loads_without_further_imports(tmp_path):
         "import sys; from limb_systems import LimbParameters; LimbParameters.load(sys.argv[1])"
     )
     subprocess.run([sys.executable, "-c", program, tmp_path / "limb.yaml"], check=True)
+
+
+def test_a_field_that_a_later_version_adds_leaves_emulated_boards_their_numbers():
+    @dataclasses.dataclass
+    class _LaterLimb(EmulatedLimb):
+        room: str = ""
+
+    for limb in (EmulatedLimb(3, extra=["bond"]), EmulatedLimb(3, physics="rod")):
+        later = _LaterLimb(**vars(limb))
+        assert later.serial_number == limb.serial_number
+        assert dataclasses.replace(later, room="cellar").serial_number != limb.serial_number
+    assert EmulatedLimb(3, physics="rod").identity == "(3, '', [], [], 'rod')"

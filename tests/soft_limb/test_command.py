@@ -161,7 +161,7 @@ def test_ctrl_c_after_a_command_does_not_say_that_nothing_was_written():
     script = """
 import os, signal
 from soft_limb.command import run_command
-from soft_limb.startup import exit_before_start
+from soft_limb import exit_before_start
 signal.signal(signal.SIGINT, exit_before_start)
 run_command(lambda: 0, "stopped")
 os.kill(os.getpid(), signal.SIGINT)
