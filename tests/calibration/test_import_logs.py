@@ -272,6 +272,7 @@ def rows(names, form):
         (b"x" * 10_000_000, "no rows of numbers"),
         (rows("time,duty,bend", "{0},{1},0"), "no column seems to be the bend"),
         (rows("ms,duty,bend", "5,{1},{2}"), "no column is a time that increases"),
+        (rows("frame,duty,bend", "{2},{1},{2}"), "time that increases: give the rate of the rows"),
         (rows("time,bend,temp", "{0},{2},22"), "no column seems to be the duty"),
     ],
 )
@@ -385,6 +386,7 @@ def cases(truth):
     percent = np.round(94 * truth.duty)
     early = truth.time < 60.0
     seven_bits = np.round(248 * truth.duty)  # or of more, whose most is 124
+    in_fives = np.interp(truth.duty, [0.0, 0.3, 0.4, 0.5], [0, 25, 105, 150])  # also 8 bits
     raw_temperatures = np.round(4 * temperatures)
 
     def with_(column, name, values):
@@ -428,6 +430,7 @@ def cases(truth):
             [*base[:3], *raw_temperatures, base[5]],
         ),
         "seven bits": (names, [base[0], *seven_bits, *base[3:]]),
+        "fives": ("t heat1 heat2 T1 T2 angle", [base[0], *in_fives, *base[3:]]),
         "two units": with_(1, "pwm_left", duty),
         "shares": (names, [base[0], 2.0 * duty, 1.2 * truth.duty[1], *base[3:]]),
         "switch and levels": ("t heat1 heat2 T1 T2 angle", [base[0], duty, relay, *base[3:]]),
@@ -464,6 +467,7 @@ def cases(truth):
         ("short", "unit of T_left_C: C, F or K"),
         ("raw temperatures", "that pwm_left heats, T_left_raw.*that pwm_right heats, T_right_raw"),
         ("seven bits", "is 124: what is full duty"),
+        ("fives", "is 150: what is full duty"),
         ("two units", "is 0.5 and 128: are they of one unit"),
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
