@@ -152,9 +152,11 @@ class GaitProgram:
         self._add_bounds()
         self._add_course()
         if begins_as:
-            # The wires begin in the states that they have at the start of that gait.
-            states = begins_as.wire_states[:, 0]
-            self._bound(self.heat[0, : len(states)], states, states)
+            # The wires begin as warm as at the start of that gait.
+            limits = self.robot.as_single_limb.temperature_limits
+            warmest = limits.maximum - self.temperature_margin
+            warmth = np.minimum(begins_as.wire_temperature[:, 0], warmest)
+            self._bound(self.heat[0, : len(warmth)], warmth, warmth)
         self._add_contacts()
 
         # State the nonlinear constraints. In a plane, the ground is rigid if feet swing: the pivots

@@ -226,7 +226,7 @@ class CoupledLaw(_ThreeMassHeat, HystereticLaw):
 class _GradualCoupledLaw(CoupledLaw):
     """The coupled law whose paths turn gradually, for the start of plans."""
 
-    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING, GRADUAL_TURNING
+    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING
 
     def smoothed(self) -> WireLaw:
         """Return the law without hysteresis, latent heat and creep, whose curve is midway.

@@ -25,9 +25,8 @@ from limb_systems.wire_laws.wire_law import (
 # cooling. A reversal costs 2 b without transformation, which public records cannot distinguish
 # from none. B follows changes down to a few mK/s. τ is as short as simulation steps allow.
 BACKLASH, SOFTNESS, FOLLOWING_TIME = 1.0, 0.15, 0.3
-GRADUAL_TURNING = (
-    1.5  # ε, °C, and τ, s, of paths that turn so gradually that solvers follow them easily
-)
+# ε, °C, and τ, s, of paths that turn so gradually that solvers follow them easily
+GRADUAL_TURNING = 0.7, 0.8
 
 
 @dataclasses.dataclass
@@ -128,7 +127,7 @@ class HystereticLaw(_TwoMassHeat):
 class _GradualLaw(HystereticLaw):
     """The hysteretic law whose path turns gradually, for the start of plans."""
 
-    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING, GRADUAL_TURNING
+    turning: ClassVar[tuple[float, float]] = GRADUAL_TURNING
 
     def smoothed(self) -> WireLaw:
         """Return the law without hysteresis, whose curve is midway between the two."""
