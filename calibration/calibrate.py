@@ -109,13 +109,11 @@ class Calibration(Summarized):
     @property
     def as_described(self) -> list[str]:
         """Names of the parameters that no recording tells, which stay as described."""
-        unidentified = (
-            [unknown.name for unknown in self.prediction.fit.unidentified]
-            if self.prediction
-            else []
-        )
         own = ("ambient_temperature", "stiffness", "damping")
-        return [name for name in own if name not in self.estimates] + unidentified
+        names = [name for name in own if name not in self.estimates]
+        if self.prediction:
+            names += [unknown.name for unknown in self.prediction.fit.unidentified]
+        return names
 
     @property
     def next_recording(self) -> str:
@@ -125,37 +123,28 @@ class Calibration(Summarized):
 
     @functools.cached_property
     def _further_sag(self) -> str:
-        planar = only_segment(self.parameters).axes == 1
-        stiffness = self.stiffness
-        return (
-            further_sag(self.parameters, stiffness.stiffness if stiffness else None)
-            if planar
-            else ""
-        )
+        if only_segment(self.parameters).axes > 1:
+            return ""
+        return further_sag(self.parameters, self.stiffness.stiffness if self.stiffness else None)
 
     @functools.cached_property
     def plan_miss(self) -> PlanMiss | None:
         """Return how far plans will miss, by prediction; None if by Sec. V."""
         if self.prediction is None:
             return None
-        prediction = self.prediction
-        part_errors = [part.bend_error for part in prediction.parts]
-        return plan_miss(
-            self.parameters,
-            prediction.rollouts,
-            prediction.fit.predicted,
-            part_errors,
-            prediction.mean_error,
-        )
+        errors = [part.bend_error for part in self.prediction.parts]
+        fitted = self.prediction.fit.predicted
+        mean_error = self.prediction.mean_error
+        return plan_miss(self.parameters, self.prediction.rollouts, fitted, errors, mean_error)
 
     @property
     def estimates(self) -> dict[str, Estimate]:
         """All calibrated quantities by their names in the parameters."""
-        estimates = {}
-        standard_errors = np.sqrt(np.diag(self.covariance)).tolist()
-        for name, error in zip(self._estimates, standard_errors, strict=True):
-            estimates[name] = dataclasses.replace(self._estimates[name], standard_error=error)
-        return estimates
+        errors = dict(zip(self._estimates, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+        return {
+            name: dataclasses.replace(estimate, standard_error=errors[name])
+            for name, estimate in self._estimates.items()
+        }
 
     @functools.cached_property
     def _estimates(self) -> dict[str, Estimate]:
@@ -192,9 +181,8 @@ class Calibration(Summarized):
             multiple_rows = [rows[name] for name in ("stiffness", *torques)]
             values = np.array([estimates[name].value for name in ("stiffness", *torques)])
             common = (k.standard_error / k.value) ** 2 * np.outer(values, values)
-            known_rows = (
-                [0] if self.prediction else range(len(multiple_rows))
-            )  # Sec. V's β has it already
+            # k has its own error already, and so has β by Sec. V.
+            known_rows = [0] if self.prediction else range(len(multiple_rows))
             common[known_rows, known_rows] = 0.0
             covariance[np.ix_(multiple_rows, multiple_rows)] += common
         return covariance
@@ -327,33 +315,31 @@ def calibrate(
         for estimate in rest_angles_e3:
             segment.rest_angle_e3 = estimate.value
 
-        def fitted(kind: str, fit: Callable[[Sequence[Recording]], Fit]) -> Fit | None:
-            fit_or_none, by_kind[kind] = _fit_if_possible(fit, by_kind.get(kind, []), left_out)
-            return fit_or_none
-
         def predicted(given: RecordingsByKind) -> Prediction:
             known = copy.deepcopy(segment)  # which stays as described
-            fit_or_none = fit_by_prediction(
+            result = fit_by_prediction(
                 laws, given, known, ambient.value, report=report_step, announce=announce
             )
-            fit_or_none.fit.apply(limb)
-            if not fit_or_none.fit.measures_heat:
-                _limit_counted_heat(limb, fit_or_none.fit, counted_limit)
-            return fit_or_none
+            result.fit.apply(limb)
+            if not result.fit.measures_heat:
+                _limit_counted_heat(limb, result.fit, counted_limit)
+            return result
 
         # Sec. V-A
         stiffness = prediction = validation = None
         report_step("stiffness")
         if segment.axes == 1:
             error = rest.standard_error if segment.rest_angle == rest.value else 0.0
-            stiffness = fitted("sag", functools.partial(fit_stiffness, limb, rest_error=error))
+            fit_sag = functools.partial(fit_stiffness, limb, rest_error=error)
+            stiffness = _fit_if_possible(fit_sag, "sag", by_kind, left_out)
         else:  # mountings tell k together with the wires' directions
             prediction = predicted({"sag": by_kind.get("sag", []), **heated})
         if stiffness:
             segment.stiffness = stiffness.stiffness.value
         # Sec. V-B
         report_step("damping")
-        damping = fitted("ring_down", functools.partial(fit_damping, limb))
+        fit_swing = functools.partial(fit_damping, limb)
+        damping = _fit_if_possible(fit_swing, "ring_down", by_kind, left_out)
         if damping:
             segment.damping = damping.damping.value
             if stiffness:
@@ -420,11 +406,9 @@ def _load_usable(
     by_paper: bool,
     left_out: list[Remark],
 ) -> tuple[dict[str, list[Recording]], RecordingsByKind, LimbParameters, LimbParameters]:
-    """Return what can be used of recordings, and the limb that they are of.
+    """Return usable recordings by kind, heated ones by kind, the uncalibrated limb, and as given.
 
-    Returns:
-        Usable recordings by kind; heated ones by kind, in pieces unless ``by_paper``; the limb
-        before it is calibrated; its description.
+    Heated ones are in pieces unless ``by_paper``.
     """
     if isinstance(source, (str, Path)):
         source, remarks = read_folder(source)
@@ -453,13 +437,12 @@ def _load_usable(
                 "The paper's method is one for limbs that bend in a plane; calibrate this one with "
                 "method prediction."
             )
-        for wire in described.wire_names:
+        for index, wire in enumerate(described.wire_names):
             if not heated[wire]:
                 raise CalibrationError(
                     f"There is no recording with only the {wire} wire heated; its heat transfer "
                     "and force cannot be told."
                 )
-        for index, wire in enumerate(described.wire_names):
             if not any(recording.has_thermocouple[index] for recording in heated[wire]):
                 raise CalibrationError(
                     f"No thermocouple reads the {wire} wire, as the paper's method needs; bond one "
@@ -488,26 +471,24 @@ def _with_lost_rows(recordings: RecordingsByKind) -> dict[str, list[Recording]]:
 
 def _fit_if_possible(
     fit: Callable[[Sequence[Recording]], Fit],
-    recordings: Sequence[Recording],
+    kind: str,
+    by_kind: dict[str, list[Recording]],
     left_out: list[Remark],
-) -> tuple[Fit | None, list[Recording]]:
-    """Return a fit to recordings, if there are any, and the recordings that it takes.
-
-    One that cannot be fitted together with those before it is not taken, and ``left`` out.
-    """
-    if recordings:
-        with contextlib.suppress(LimbError):
-            return fit(recordings), list(recordings)
+) -> Fit | None:
+    """Return a fit to recordings of a kind; leave out those that fail together with others."""
+    recordings = by_kind.get(kind, [])
+    with contextlib.suppress(LimbError):
+        return fit(recordings)
     best_fit: Fit | None = None
-    fitted_recordings: list[Recording] = []
+    by_kind[kind] = []
     for recording in recordings:
         try:
-            best_fit = fit([*fitted_recordings, recording])
+            best_fit = fit([*by_kind[kind], recording])
         except LimbError as error:
             left_out.append(left_out_remark(title_of(recording), error))
         else:
-            fitted_recordings.append(recording)
-    return best_fit, fitted_recordings
+            by_kind[kind].append(recording)
+    return best_fit
 
 
 def _fit_wire(
@@ -518,10 +499,7 @@ def _fit_wire(
     stiffness: Estimate | None,
     left_out: list[Remark],
 ) -> tuple[HeatFit, ForceFit]:
-    """Fit heat and force of one wire by Sec. V-C, and give the limb the fitted law.
-
-    Of its recordings the first that can be fitted is; those before it are ``left`` out.
-    """
+    """Fit one wire by Sec. V-C to the first recording that can be fitted, and set its law."""
     segment = only_segment(limb)
     room = (ambient.value, ambient.standard_error)
     wire = segment.wires[index]
@@ -569,18 +547,15 @@ def _record(calibration: Calibration) -> None:
     validation = calibration.validation
     prediction = calibration.prediction
     heat_measured = not prediction or prediction.fit.measures_heat
-    validation_text = ""
+    text = ""
     if validation:  # in ASCII, as YAML files have all else escaped
-        degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
-        validation_text = (
-            "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the "
-            "90th percentile"
-        ).format(*degrees)
-        if heat_measured:
-            mean = validation.temperature_mean
-            validation_text += f"; measured temperature off by {mean:.1f} deg C on average"
-        else:
-            validation_text += "; temperature was not measured"
+        text = (
+            f"bend angle off by {np.rad2deg(validation.mean):.2f} deg on average, "
+            f"{np.rad2deg(validation.median):.2f} deg at the median, "
+            f"{np.rad2deg(validation.percentile_90):.2f} deg at the 90th percentile; "
+        )
+        heat = f"measured temperature off by {validation.temperature_mean:.1f} deg C on average"
+        text += heat if heat_measured else "temperature was not measured"
     limb = calibration.parameters
     limb.calibration = record_of(
         calibration.estimates,
@@ -589,7 +564,7 @@ def _record(calibration: Calibration) -> None:
             f"{len(sources)} of {kind}: {', '.join(sorted(set(sources)))}"
             for kind, sources in calibration.sources.items()
         ],
-        validation=validation_text,
+        validation=text,
         bend_error=prediction.bend_error if prediction else 0.0,
         temperature_error=prediction.best.temperature_error if prediction else 0.0,
         heat_measured=heat_measured,

@@ -24,10 +24,7 @@ class Estimate:
 
     @property
     def is_determined(self) -> bool:
-        """Return whether the data determine it: its standard error is no larger than itself.
-
-        What may be zero always counts as determined.
-        """
+        """Return whether its standard error is no larger than itself, or it may be zero."""
         return self.may_be_zero or self.relative_error <= 1.0
 
     @property
@@ -65,12 +62,12 @@ def pooled_spread(deviations: np.ndarray, num_groups: int) -> float:
     There must be more values than groups.
     """
     free = len(deviations) - num_groups
-    return float(np.sqrt(np.sum(deviations**2) / free) * _widening(free + 1))
+    return float(np.sqrt(np.sum(deviations**2) / free) * _widening(free))
 
 
-def _widening(count: int) -> float:
-    """Return the factor of standard errors that are estimated from so many samples, two or more."""
-    return float(stdtrit(count - 1, 0.975) / ndtri(0.975))
+def _widening(degrees_of_freedom: int) -> float:
+    """Return the factor of standard errors from so many degrees of freedom, by Student's t."""
+    return float(stdtrit(degrees_of_freedom, 0.975) / ndtri(0.975))
 
 
 def clustered_covariance(
@@ -100,9 +97,8 @@ def clustered_covariance(
     Returns:
         (P, P).
     """
-    prior_information = (
-        np.zeros((jacobian.shape[1],) * 2) if prior is None else np.outer(prior, prior)
-    )
+    prior = np.zeros(jacobian.shape[1]) if prior is None else prior
+    prior_information = np.outer(prior, prior)
     information = jacobian.T @ jacobian + prior_information
     numbers = np.unique(clusters)
     # Shift of the estimate when each cluster is left out.
@@ -115,7 +111,7 @@ def clustered_covariance(
     stacked_shifts = np.array(shifts)
     inverse_information = np.linalg.pinv(information)
     # Add the scatter of these shifts and the error of the prior.
-    widening = _widening(len(numbers)) ** 2 * (len(numbers) - 1) / len(numbers)
+    widening = _widening(len(numbers) - 1) ** 2 * (len(numbers) - 1) / len(numbers)
     return (
         widening * stacked_shifts.T @ stacked_shifts
         + inverse_information @ prior_information @ inverse_information

@@ -44,7 +44,10 @@ def fit_heat_bounds(
     """
     wires = _wires(recordings, described)
     max_heating = max((wire.rates.heating for wire in wires if wire.rates), default=0.0)
-    return [_fit_wire(wire, max_heating, margin) for wire in wires]
+    return [
+        _fit_wire(wire, wire.rates, max_heating, margin) if wire.rates else wire.kind
+        for wire in wires
+    ]
 
 
 def check_first_contact(recording: Recording, described: LimbParameters, path: Path) -> None:
@@ -76,16 +79,14 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     """
     # Compute the heat of each wire as a share of the heat that its description says.
     heated_wires = []
-    shares = []
     for wire in _wires(recordings, described):
         if wire.rates:
-            heated_wires.append((wire, wire.rates))
             share_of_most = wire.rates.heating / wire.kind.most_heating
-            shares.append(share_of_most * RATE_FACTORS["most_heating"])
+            heated_wires.append((wire, wire.rates, share_of_most * RATE_FACTORS["most_heating"]))
     # Compare the wires with each other.
-    largest_share = max(shares, default=np.inf)
+    largest_share = max((share for _, _, share in heated_wires), default=np.inf)
     remarks = []
-    for (wire, rates), share in zip(heated_wires, shares, strict=True):
+    for wire, rates, share in heated_wires:
         if rates.reading < MIN_READING_RATE:
             remarks.append(
                 f"the {wire.name} thermocouple lags by {1 / rates.reading:.0f} s: it is badly "
@@ -105,19 +106,14 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
             "most. Either all thermocouples show a share of their rise, or the limb is unlike its "
             "description: the board will keep it cooler than it needs to be. If you are sure of "
             "the thermocouples, describe the wires by a2 "
-            + " and ".join(f"{rates.heating:.3g}" for _, rates in heated_wires)
+            + " and ".join(f"{rates.heating:.3g}" for _, rates, _ in heated_wires)
             + " °C/s."
         )
     return remarks
 
 
 class _Wire(NamedTuple):
-    """A wire, and what recordings show of it.
-
-    - ``kind``: bounds around its law; those that it was given where its law has none.
-    - ``courses``: what it did in each recording.
-    - ``rates``: how it heats, cools and is read; None if it was not heated.
-    """
+    """A wire, bounds around its law, what it did in recordings, and its rates if it was heated."""
 
     name: str
     kind: HeatBounds
@@ -136,21 +132,15 @@ def _wires(recordings: Iterable[Recording], limb: LimbParameters) -> list[_Wire]
             if not wire.heat_bounds:
                 raise
             kind = wire.heat_bounds
-        courses = []
-        for recording in recordings:
-            if recording.has_thermocouple[index]:
-                courses.append(_WireHeat(recording, index))
+        courses = [_WireHeat(each, index) for each in recordings if each.has_thermocouple[index]]
         rates = fit_heat_rates([(course.duty, course.rise, course.interval) for course in courses])
         wires.append(_Wire(wire.name, kind, courses, rates))
     return wires
 
 
-def _fit_wire(wire: _Wire, max_heating: float, margin: float) -> HeatBounds:
+def _fit_wire(wire: _Wire, rates: HeatRates, max_heating: float, margin: float) -> HeatBounds:
     """Return the bounds of a wire; ``max_heating`` is the largest heating of all wires, °C/s."""
     kind = wire.kind
-    rates = wire.rates
-    if rates is None:
-        return kind
     bounds = rates.bounds(kind, max_heating, margin)
     # The least heating is low enough for all readings.
     share = rates.heating / kind.least_heating
@@ -186,10 +176,7 @@ class _WireHeat:
         self.duty = np.add.reduceat(applied[wire, :-1], starts) / stride
         self.interval = stride / recording.sample_rate
         self.rise = readings[np.minimum(starts + stride, len(readings) - 1)] - start
-        self.averaged = self._average(self.rise)
-
-    def _average(self, signal: np.ndarray) -> np.ndarray:
-        return first_order_lag(signal, 1 / heat.AVERAGING_TIME, self.interval)
+        self.averaged = first_order_lag(self.rise, 1 / heat.AVERAGING_TIME, self.interval)
 
     def least(self, bounds: HeatBounds) -> np.ndarray:
         """Return the least rise that is read, averaged (K), °C."""
@@ -199,4 +186,4 @@ class _WireHeat:
         for duty in self.duty.tolist():
             observer.advance(duty, self.interval, 0.0)
             least.append(observer.least_reading)
-        return self._average(np.array(least))
+        return first_order_lag(np.array(least), 1 / heat.AVERAGING_TIME, self.interval)

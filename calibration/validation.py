@@ -117,16 +117,16 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         return float(np.nanmean(np.abs(readings - measured)))
 
     # Find the temperature of the silicone at the start, from cold to as warm as its wires.
-    cold, warm = _warm_starts(parameters, recording, initial_readings)
-    wire_states = warm
-    if (cold != warm).any():
+    cold, wire_states = _warm_starts(parameters, recording, initial_readings)
+    if (cold != wire_states).any():
+        warmth = wire_states - cold
         search = minimize_scalar(
-            lambda share: start_error(cold + share * (warm - cold)),
+            lambda share: start_error(cold + share * warmth),
             bounds=(0.0, 1.0),
             method="bounded",
             options={"xatol": WARMTH_TOLERANCE},
         )
-        wire_states = cold + search.x * (warm - cold)
+        wire_states = cold + search.x * warmth
     # Simulate the whole recording, and read the bend as the limb's own sensor does.
     simulation = simulate_from(wire_states, times[-1])
     assert simulation.joint_state is not None  # simulations of a model have it
@@ -150,14 +150,10 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
 def _warm_starts(
     parameters: LimbParameters, recording: Recording, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states of wires that are read at V (W,), °C, in cold and in warm silicone.
-
-    T is ahead of V by the lag, as the first readings change. Both are the same where no wire is
-    warm, or none has silicone.
-    """
+    """Return the states of wires that are read at V (W,), °C, in cold and in warm silicone."""
     wires = LimbModel.of(parameters).wires
     warmth = first.copy()
-    # Estimate T of warm wires from the rate at which V changes.
+    # Estimate T of warm wires from the rate at which V changes: it is ahead by the lag.
     warm = first > parameters.ambient_temperature + COLD_SPREAD
     is_early = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
     for index in np.flatnonzero(warm):
@@ -169,10 +165,10 @@ def _warm_starts(
                 warmth[index] += np.polyfit(recording.time[is_used], readings, 1)[0] / rate
     # Silicone may be cold or as warm as its wire.
     settled = wires.rested_states(warmth)
-    silicone = np.zeros(len(settled), bool)
-    of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
-    silicone[of_laws] = wires.settles[of_laws] & warm.any()
-    return np.where(silicone, wires.cold_states, settled), settled
+    num_law_states = sum(len(wire.law.states) for wire in parameters.wires)
+    is_silicone = wires.settles & warm.any()
+    is_silicone[: wires.num_wires] = is_silicone[num_law_states:] = False
+    return np.where(is_silicone, wires.cold_states, settled), settled
 
 
 def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) -> Validation:
@@ -196,16 +192,16 @@ def validation_of(predictions: Sequence[Predicted], parameters: LimbParameters) 
 
     def recording(runs_or_predictions: Sequence[HeatedRun | Predicted], source: str) -> Recording:
         """Return what was recorded or predicted, with a sample without readings after each run."""
-        temperatures = []
-        bends = []
-        for item in runs_or_predictions:
-            temperatures += [item.temperature, np.full_like(item.temperature[:1], np.nan)]
-            bends += [item.bend, np.full_like(item.bend[:1], np.nan)]
+
+        def joined(signals: Sequence[np.ndarray]) -> np.ndarray:
+            gap = np.full_like(signals[0][:1], np.nan)
+            return np.concatenate([np.vstack([signal, gap]) for signal in signals]).T
+
         return Recording(
             time=np.concatenate(times),
             duty=np.concatenate(duty).T,
-            measured_temperature=np.concatenate(temperatures).T,
-            bend_angle=np.concatenate(bends).T,
+            measured_temperature=joined([item.temperature for item in runs_or_predictions]),
+            bend_angle=joined([item.bend for item in runs_or_predictions]),
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,

@@ -45,7 +45,6 @@ class WireDirection:
     - ``angle``: direction of its bend from +E2 towards +E3, rad; 0 or π in a plane.
     - ``off``: the same from where the wire is described, rad.
     - ``error``: standard error of ``off``, rad.
-    - ``gain``: bend at lasting full duty, if the limb were linear, rad.
     - ``delay``: time constant of the heat, s.
     - ``correlation``: r of the wire's own share of the bend with its heat.
     """
@@ -54,17 +53,14 @@ class WireDirection:
     angle: float
     off: float
     error: float
-    gain: float
     delay: float
     correlation: float
 
     def __str__(self) -> str:
-        angle, off, gain = np.rad2deg([self.angle, self.off, self.gain])
-        error = np.rad2deg(self.error)
+        angle, off, error = np.rad2deg([self.angle, self.off, self.error])
         return (
             f"the {self.name} wire bends to {angle:.0f}° ({off:+.0f} ± {error:.0f}° from its "
-            f"description), by {gain:.0f}° at full duty, after {self.delay:.0f} s, "
-            f"r = {self.correlation:.2f}"
+            f"description), after {self.delay:.0f} s, r = {self.correlation:.2f}"
         )
 
 
@@ -112,7 +108,6 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
                 _wrapped(angle),
                 _wrapped(angle - described),
                 float(np.hypot(ERROR_WIDENING * error / size, PLACEMENT_ERROR)),
-                size,
                 delay,
                 float(np.corrcoef(share, wire_heat)[0, 1]) if share.any() else 0.0,
             )
@@ -185,22 +180,19 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
 def _exchangeable_wires(
     directions: Sequence[WireDirection], segment: SegmentParameters
 ) -> list[WireDirection]:
-    """Return the wires that recordings do not tell from another wire; none if all are told."""
+    """Return the wires that recordings do not distinguish from another wire."""
     by_name = {direction.name: direction for direction in directions}
     doubtful: dict[str, WireDirection] = {}
     for one, other in itertools.combinations(segment.wires, 2):
         # Compare how well both wires fit where they are described, and exchanged.
-        angle_between = _wrapped(_described_angle(one, segment) - _described_angle(other, segment))
+        between = _wrapped(_described_angle(one, segment) - _described_angle(other, segment))
         chi_square = 0.0
-        pair = {}
-        for wire, sign in ((one, 1.0), (other, -1.0)):
+        for wire, turn in ((one, between), (other, -between)):
             if direction := by_name.get(wire.name):
-                pair[wire.name] = direction
-                off = direction.off
-                squares = _wrapped(off + sign * angle_between) ** 2 - off**2
+                squares = _wrapped(direction.off + turn) ** 2 - direction.off**2
                 chi_square += squares / direction.error**2
-        if angle_between and chi_square < MIN_CHI_SQUARE:
-            doubtful |= pair
+        if between and chi_square < MIN_CHI_SQUARE:
+            doubtful |= {name: by_name[name] for name in (one.name, other.name) if name in by_name}
     return list(doubtful.values())
 
 
@@ -219,5 +211,5 @@ def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(angle: Any) -> Any:
-    """Return an angle, or angles, from -π to π."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
+    """Return an angle, or angles, above -π and up to π."""
+    return np.pi - (np.pi - angle) % (2 * np.pi)

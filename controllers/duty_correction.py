@@ -197,11 +197,9 @@ class DutyCorrection:
         """
 
         def cost_of(candidate: np.ndarray) -> float:
-            """Return the cost of a correction, by the rollout of the model."""
             return self._cost(candidate, self._predict(candidate, start, errors), errors, cooler)
 
         def solve(candidate: np.ndarray) -> np.ndarray | None:
-            """Return the best correction for the model linearized along a correction's rollout."""
             predicted = self._predict(candidate, start, errors)
             return self._solve_program(candidate, predicted, errors, cooler)
 
@@ -240,16 +238,7 @@ class DutyCorrection:
     def _change_wires_in_turn(
         self, start: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Simulate a change of duty, of each wire alone and of all.
-
-        Args:
-            start: states of the wires at the start (H,).
-            before, after: duty in L steps (L, W), and changed duties (L, ..., W).
-
-        Returns:
-            The states at the steps (L + 1, ..., H) with all wires changed, and the changes of the
-            bend at the nodes (M + 1, ..., F, W) by each wire.
-        """
+        """Return the heat (L + 1, ..., H) under changed duty, and its `bend_changes`."""
         W = before.shape[1]
         before = np.broadcast_to(before.reshape(-1, *[1] * (after.ndim - 2), W), after.shape)
         # Simulate W + 2 duties at once: each wire alone changed (W), none, and all.
@@ -262,9 +251,7 @@ class DutyCorrection:
         bend_changes = bend[..., :W, :] - bend[..., W : W + 1, :]
         return heat[..., -1, :], np.swapaxes(bend_changes, -1, -2)
 
-    def _bounds(
-        self, errors: Residuals, cooler: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _bounds(self, errors: Residuals, cooler: float) -> tuple[np.ndarray, ...]:
         """Return the bounds at the nodes (M + 1, W): of T below and above, and of V above, °C."""
         limits = self.plan.parameters.temperature_limits
         highest = limits.measured_maximum - READING_MARGIN - cooler

@@ -307,7 +307,10 @@ class Estimator:
         is_moved = (is_hot & ~waits) | (is_back & ~believed[:W])
         moved = np.where(is_moved, warmer, 0.0)
         recent_rise = np.where(is_back, 0.0, estimate.recent_rise + moved)
-        P = estimate.covariance + self._excess_covariance(moved)
+        # T and V of a wire share the error of its moved reading.
+        shared = np.zeros((len(self._decay), W))
+        shared[:W] = shared[model.size - W : model.size] = np.diag(moved)
+        P = estimate.covariance + shared @ shared.T
 
         # Correct by the Kalman gain of the readings that are used.
         spread = C @ P @ C.T + np.diag(self._reading_variances)
@@ -337,14 +340,6 @@ class Estimator:
         forget = works[W:] & (unbelieved_time[W:] > FORGET_TIME)
         forget &= np.abs(bend_angle - estimate.last_readings[W:]) < FORGET_MAX_JUMP
         return self._forget_bends(corrected, forget) if forget.any() else corrected
-
-    def _excess_covariance(self, warmer: np.ndarray) -> np.ndarray:
-        """Return the covariance (M, M) of an error (W,), °C, that T and V of a wire share."""
-        H = self.model.size
-        W = self.model.num_wires
-        shared = np.zeros((len(self._decay), W))
-        shared[:W] = shared[H - W : H] = np.diag(warmer)
-        return shared @ shared.T
 
     def _forget_bends(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
         """Return the estimate with d, p and r of some bends (F,) forgotten."""
@@ -436,10 +431,8 @@ class Estimator:
 
     def _without_sensor_errors(self, bend_angle: np.ndarray) -> np.ndarray:
         """Return the bends (F,), rad, without the gain, offset and roll of the sensors."""
-        bends = [
-            segment.bend_sensor.unrolled_bends(bend_angle[places])
-            for segment, places in zip(self.parameters.segments, self._bends_of, strict=True)
-        ]
+        segments = zip(self.parameters.segments, self._bends_of, strict=True)
+        bends = [segment.bend_sensor.unrolled_bends(bend_angle[bend]) for segment, bend in segments]
         return np.concatenate(bends)
 
     def _measurement_model(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -499,6 +492,7 @@ class LimbObserver(LeafSystem):
         self.DeclareVectorInputPort("bend_angle", F)
         state = self.DeclareDiscreteState(self._estimator.nothing)
         # Outputs of the estimate alone, and a prediction that needs the duty.
+        estimated = weak_method(self._estimate)
         for name, size, calc in (
             ("wire_temperature", W, lambda e: e.heat[:W]),
             ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
@@ -509,17 +503,15 @@ class LimbObserver(LeafSystem):
             ("believed", W + F, lambda e: (e.unbelieved_time == 0).astype(float)),
         ):
             self.DeclareVectorOutputPort(
-                name, size, self._output_calculator(calc), {self.discrete_state_ticket(state)}
+                name,
+                size,
+                lambda context, output, calc=calc: output.SetFromVector(calc(estimated(context))),
+                {self.discrete_state_ticket(state)},
             )
         self.DeclareVectorOutputPort(
             "highest_temperature", W, weak_method(self._calc_highest_temperature)
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
-
-    def _output_calculator(self, calc):
-        """Return the function of an output port that is a function of the estimate."""
-        estimate = weak_method(self._estimate)
-        return lambda context, output: output.SetFromVector(calc(estimate(context)))
 
     def _estimate(self, context) -> StateEstimate:
         vector = context.get_discrete_state(0).value()

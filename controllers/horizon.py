@@ -33,7 +33,6 @@ from planners.transcription.program import add_soft_bounds
 from planners.transcription.quasi_static import QuasiStaticProgram
 from planners.transcription.sequential_convex import descend
 
-# s, Hz
 DURATION = 10.0  # s
 KNOT_RATE = 5.0  # Hz
 ROUNDS = 1  # of linearizing and solving, from the previous plan; two are not better, and slower
@@ -42,15 +41,6 @@ STEP_SIZES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a progra
 MIN_COST_REDUCTION = 1e-3  # relative; a round that reduces the cost by less is the last
 EXCESS_TEMPERATURE = 3.0  # °C, that a wire may be warmer than in the plan of the whole motion
 EXCESS_WEIGHT = 0.03  # 1/°C, of each knot beyond it
-TASK_FIELDS = (  # fields of a task that a horizon uses
-    "angle_weight",
-    "duty_weight",
-    "terminal_factor",
-    "phases",
-    "temperature_weight",
-    "temperature_margin",
-    "duty_margin",
-)
 LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
 
@@ -104,7 +94,7 @@ class HorizonPlanner:
             its last angle is held.
         task: its weights of angles, duty, temperature and the end, and its margins
             count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
-        duration, knot_rate: length of the horizon, s, and rate of its knots, Hz.
+        duration: length of the horizon, s.
         planned: a plan of the whole motion that starts at time 0, if there is one. Wires that are
             hotter than in the plan nearest to its reference cost.
     """
@@ -116,7 +106,6 @@ class HorizonPlanner:
         task: Task | None = None,
         *,
         duration: float = DURATION,
-        knot_rate: float = KNOT_RATE,
         planned: Trajectory | None = None,
     ):
         self._reference = reference
@@ -125,8 +114,8 @@ class HorizonPlanner:
         nearest = nearest_plan(planned) if planned else None
         self._planned_temperature = nearest and nearest[1]
         self._limits = parameters.temperature_limits
-        self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
-        self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
+        self._times = times = np.arange(max(1, round(duration * KNOT_RATE)) + 1) / KNOT_RATE
+        self._model = model = ReducedModel(parameters, 1.0 / KNOT_RATE)
         self._program = HorizonProgram(model, times, task or horizon_task())
         self._decay = np.exp(-times / RESIDUAL_TIME)[:, None]
 
@@ -236,14 +225,8 @@ class HorizonProgram(QuasiStaticProgram):
 
     def __init__(self, model: ReducedModel, times: np.ndarray, task: Task):
         self._model = model
-        counted = {name: getattr(task, name) for name in TASK_FIELDS}
-        super().__init__(
-            model.limb,
-            times,
-            model.statics,
-            Task(**counted, duty_hold=0.0),
-            limit_weight=LIMIT_WEIGHT,
-        )
+        free_duty = dataclasses.replace(task, duty_hold=0.0)
+        super().__init__(model.limb, times, model.statics, free_duty, limit_weight=LIMIT_WEIGHT)
         T = self.prog.decision_variables()[self.heat[1:, : model.num_wires]].ravel()
         free = np.full(len(T), np.inf)
         self._max_temperatures = add_soft_bounds(self.prog, T, None, free, EXCESS_WEIGHT)
@@ -254,14 +237,7 @@ class HorizonProgram(QuasiStaticProgram):
     def set_target(
         self, target: np.ndarray, heat: np.ndarray, warm_up_time: float, warmest: np.ndarray
     ) -> None:
-        """Set the values that change from plan to plan.
-
-        Args:
-            target: desired bend of the model at the knots (K + 1, F), rad.
-            heat: [x, V] at the first knot (H,).
-            warm_up_time: k_warm, s from the first knot.
-            warmest: temperatures beyond which heat costs, at the knots but the first (K, W), °C.
-        """
+        """Set bends (K + 1, F), rad, first heat (H,), k_warm, s, and T beyond which it costs."""
         self.update(target.T, heat, warm_up_time)
         self._max_temperatures.evaluator().UpdateUpperBound(warmest.ravel())
 

@@ -87,6 +87,7 @@ class Estimate:
     covariance: np.ndarray
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class RepeatingError:
     """Bayesian regression for an error d (M,) over time that nearly repeats.
 
@@ -94,26 +95,16 @@ class RepeatingError:
     bend when wire w has its duty of repetition j instead of the duty about which d is estimated.
     The limb responds g_w times as strongly as the model. δ is random, a share of the ψ_w.
 
-    Args:
-        times: (M,), s.
-        covariance: covariance of d before the first repetition (M, M).
-        observes: H (M, M).
-        noise: covariance of the noise (M, M).
-        changed: standard deviation of δ without any change of duty.
+    - ``times``: (M,), s.
+    - ``covariance``: covariance of d before the first repetition (M, M).
+    - ``observes``: H (M, M).
+    - ``noise``: covariance of the noise (M, M), and of δ without any change of duty.
     """
 
-    def __init__(
-        self,
-        times: np.ndarray,
-        covariance: np.ndarray,
-        observes: np.ndarray,
-        noise: np.ndarray,
-        changed: float,
-    ):
-        self._times = times
-        self._covariance = covariance
-        self._observes = observes
-        self._noise = noise + observes @ ornstein_uhlenbeck(times, changed, DRIFT_TIME) @ observes.T
+    times: np.ndarray
+    covariance: np.ndarray
+    observes: np.ndarray
+    noise: np.ndarray
 
     def estimate(self, observations: np.ndarray, changes: np.ndarray, share: float) -> Estimate:
         """Return the estimate of the error and of the gains from J repetitions.
@@ -124,7 +115,7 @@ class RepeatingError:
             share: random error of the changes, relative to them.
         """
         M, W = changes.shape[1:]
-        information = block_diag(np.linalg.inv(self._covariance), np.eye(W) / GAIN_DEVIATION**2)
+        information = block_diag(np.linalg.inv(self.covariance), np.eye(W) / GAIN_DEVIATION**2)
         weighted_sum = np.zeros(M + W)
         for values, change in zip(observations, changes, strict=True):
             H, spread, is_seen = self._observation(values, change)
@@ -153,12 +144,12 @@ class RepeatingError:
     def _observation(self, observation: np.ndarray, change: np.ndarray):
         """Return H of d and g, the covariance of the rest by the share, and where values are."""
         is_seen = np.isfinite(observation)
-        H = self._observes[is_seen]
-        noise = self._noise[np.ix_(is_seen, is_seen)]
-        forgotten = np.exp(-self._times[-1] / max(1, len(change) - 1) / CHANGE_MEMORY_TIME)
+        H = self.observes[is_seen]
+        noise = self.noise[np.ix_(is_seen, is_seen)]
+        forgotten = np.exp(-self.times[-1] / max(1, len(change) - 1) / CHANGE_MEMORY_TIME)
         size = np.linalg.norm(change, axis=1)
         lasting = list(itertools.accumulate(size, lambda before, now: max(now, forgotten * before)))
-        wrong = H @ ornstein_uhlenbeck(self._times, np.array(lasting), ERROR_CORRELATION_TIME) @ H.T
+        wrong = H @ ornstein_uhlenbeck(self.times, np.array(lasting), ERROR_CORRELATION_TIME) @ H.T
         return np.hstack([H, H @ change]), lambda share: noise + share**2 * wrong, is_seen
 
 
@@ -357,7 +348,10 @@ class Learner:
         if best is not None and repetition.interrupted:
             self.correction = errors.about
             return repetition
-        margin = self._overheating_margin()
+        highest = self.trajectory.parameters.temperature_limits.measured_maximum - READING_MARGIN
+        interrupted = [each for each in self.repetitions if each.interrupted]
+        num_hot = sum(np.nanmax(each.measured_temperature) > highest for each in interrupted)
+        margin = OVERHEATING_MARGIN * num_hot
         improved = self._program.improve(errors.about, self._start, errors, margin)
         step_size = max(MIN_STEP_SIZE, 0.5 ** self._num_undone())
         self.correction = errors.about + step_size * (improved - errors.about)
@@ -367,10 +361,10 @@ class Learner:
         """Count the repetitions since the best one whose duty is not nearly equal to it."""
         if self.best is None:
             return 0
-        about = self.repetitions[self.best].duty
+        about, *undone = self.repetitions[self.best :]
         count = 0
-        for repetition in self.repetitions[self.best + 1 :]:
-            changes = self._program.bend_changes(self._start, about, repetition.duty)
+        for repetition in undone:
+            changes = self._program.bend_changes(self._start, about.duty, repetition.duty)
             mean_change = np.abs(changes.sum(axis=-1)).mean()
             count += mean_change > IDENTICAL_SHARE * self._sensor_error
         return count
@@ -443,17 +437,16 @@ class Learner:
         self._bend_regressions = []
         for sensor in sensors:
             noise = (MEAN_VARIANCE_SHARE * sensor.noise**2 + MIN_VARIANCE) * one
-            noise += ornstein_uhlenbeck(nodes, sensor.drift, DRIFT_TIME)
-            regression = RepeatingError(nodes, covariance, one, noise, REST_CHANGE)
-            self._bend_regressions.append(regression)
+            noise += ornstein_uhlenbeck(nodes, np.hypot(sensor.drift, REST_CHANGE), DRIFT_TIME)
+            self._bend_regressions.append(RepeatingError(nodes, covariance, one, noise))
         self._lag = program.lag()
         self._heat_regressions = []
         for wire, lag in enumerate(self._lag):
             deviation = heat_error * np.maximum(share[:, wire], 0.1)
             covariance = ornstein_uhlenbeck(nodes, deviation, ERROR_CORRELATION_TIME)
-            noise = READING_NOISE**2 * one
-            regression = RepeatingError(nodes, covariance, lag, noise, TEMPERATURE_CHANGE)
-            self._heat_regressions.append(regression)
+            changed = ornstein_uhlenbeck(nodes, TEMPERATURE_CHANGE, DRIFT_TIME)
+            noise = READING_NOISE**2 * one + lag @ changed @ lag.T
+            self._heat_regressions.append(RepeatingError(nodes, covariance, lag, noise))
 
         # Changes of the bend are expected to be as wrong as the calibration's predictions, or more.
         bend = np.sqrt(np.mean(program.reference**2)) + MIN_VARIANCE
@@ -525,16 +518,6 @@ class Learner:
         bend_angle[seen] += uniform_filter1d(detrended, SMOOTHING_NODES, axis=0)
         return _Belief(bend, errors, program.distance(bend_angle))
 
-    def _overheating_margin(self) -> float:
-        """Return the margin of temperature, °C, for interrupted repetitions that were too hot."""
-        highest = self.trajectory.parameters.temperature_limits.measured_maximum
-        hot = [
-            np.nanmax(repetition.measured_temperature) > highest - READING_MARGIN
-            for repetition in self.repetitions
-            if repetition.interrupted
-        ]
-        return OVERHEATING_MARGIN * sum(hot)
-
     def save(self, path: str | Path) -> None:
         """Save plan and repetitions, whole or not at all; `load` goes on from there."""
         state = {
@@ -585,10 +568,8 @@ class Learner:
 def _node_means(
     nodes: np.ndarray, spacing: float, times: np.ndarray, signals: np.ndarray
 ) -> np.ndarray:
-    """Return means of signals (R, K) around the nodes (M + 1, R); NaN where there are no samples.
-
-    Samples lie symmetrically about a node, so that the first and the last node have only one.
-    """
+    """Return means of signals (R, K) around the nodes (M + 1, R); NaN where none are."""
+    # Samples lie symmetrically about a node, so that the first and the last node have only one.
     to_end = np.minimum(nodes - nodes[0], nodes[-1] - nodes)
     half_width = np.minimum(0.5 * spacing, to_end) + 1e-6
     low = np.searchsorted(times, nodes - half_width)

@@ -2,11 +2,10 @@
 
 from .board.link import BoardInfo, BoardLink, HardwareError, Sample
 from .board.serial_limb import SerialLimb
-from .drivers import LimbDriver
 from .emulation.emulator import emulated_port
 from .emulation.twin import LimbTwin
 from .replaying import ReplayError, present_readings, replay, watch
-from .scenario import Scenario, StationError
+from .scenario import LimbDriver, Scenario, StationError
 from .station import Station, drive
 
 __all__ = [

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from hardware.board.link import HardwareError, Sample
+from hardware.board.listener import Signals, listen, ports_of_run
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
-from limb_systems import LimbModel, LimbParameters, LimbSystem, Trajectory
-from limb_systems.drake_python import weak_method
+from limb_systems import LimbParameters, LimbSystem, Trajectory
 from limb_systems.plan_band import Band, band
 from limb_systems.simulation import PERIOD
 
@@ -90,51 +90,6 @@ class LiveView(Protocol):
         """Show that no limb runs any more."""
 
 
-class Feed(LeafSystem):
-    """A system that sends the state of a limb to a `LiveView`, at 20 Hz, without waiting.
-
-    - input 0 ``duty``: D (W), in [0, 1]
-    - input 1 ``measured_temperature``: V (W), °C
-    - input 2 ``bend_angle``: φ (F), rad
-    - further inputs, if the limb or controller has them: ``applied_duty`` (W), ``reference`` (F),
-      rad
-    """
-
-    __slots__ = ()  # see limb_systems.drake_python
-
-    def __init__(self, live: LiveView, limb: LimbSystem, *, has_reference: bool = False):
-        """
-        Args:
-            live: the page.
-            limb: system whose outputs are connected.
-            has_reference: whether there is an input for the reference of the bend angle.
-        """
-        super().__init__()
-        layout = LimbModel.of(limb.parameters).layout
-        sizes = dict.fromkeys(("duty", "measured_temperature"), layout.num_wires)
-        sizes["bend_angle"] = layout.num_bends
-        if limb.HasOutputPort("applied_duty"):
-            sizes["applied_duty"] = layout.num_wires
-        if has_reference:
-            sizes["reference"] = layout.num_bends
-        self._live = live
-        self._names = list(sizes)
-        self._link = limb.link if isinstance(limb, SerialLimb) else None
-        for name, size in sizes.items():
-            self.DeclareVectorInputPort(name, size)
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._publish))
-
-    def _publish(self, context) -> None:
-        signals = {name: self.GetInputPort(name).Eval(context).tolist() for name in self._names}
-        state: dict[str, Any] = {}
-        if self._link:
-            state["lost_samples"] = self._link.lost_samples
-            # Without samples the limb raises an error.
-            with contextlib.suppress(HardwareError):
-                state["sample"] = self._link.sample(np.inf)  # of any age, which the limb checks
-        self._live.show(Reading(context.get_time(), **signals, **state))
-
-
 @contextlib.contextmanager
 def live_display(
     builder: DiagramBuilder,
@@ -150,12 +105,9 @@ def live_display(
 
     Args:
         builder: builder of the diagram, which has the limb already, so that its command is first.
-        live: the page.
-        limb: system that runs.
-        duty: port that drives it.
+        duty, reference: ports of the duty that drives it, and of the desired bend angle.
         duration: longest duration, s.
         plan: trajectory that the limb follows.
-        reference: port of the reference of the bend angle.
     """
     if live is None:
         yield
@@ -168,13 +120,19 @@ def live_display(
     if plan:
         header = dataclasses.replace(header, plan=plan.since_start(), band=band(plan))
     live.begin(header)
-    # Connect the feed to the limb, and let the caller run the diagram.
-    feed = builder.AddSystem(Feed(live, limb, has_reference=reference is not None))
-    ports = {"duty": duty, **({"reference": reference} if reference else {})}
-    for index in range(feed.num_input_ports()):
-        port = feed.get_input_port(index)
-        name = port.get_name()
-        builder.Connect(ports.get(name) or limb.GetOutputPort(name), port)
+    link = limb.link if isinstance(limb, SerialLimb) else None
+
+    def show(time: float, signals: Signals) -> None:
+        state: dict[str, Any] = {name: values.tolist() for name, values in signals.items()}
+        if link:
+            state["lost_samples"] = link.lost_samples
+            # Without samples the limb raises an error.
+            with contextlib.suppress(HardwareError):
+                state["sample"] = link.sample(np.inf)  # of any age, which the limb checks
+        live.show(Reading(time, **state))
+
+    # Send the state at 20 Hz, and let the caller run the diagram.
+    listen(builder, ports_of_run(limb, duty, ["applied_duty"], reference), 1 / PERIOD, show)
     try:
         yield
     finally:

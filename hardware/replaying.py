@@ -13,17 +13,18 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, TrajectorySource
+from pydrake.systems.primitives import Multiplexer, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from hardware.board.journal import closing, open_journal
 from hardware.board.link import check_heat_is_measured, present_temperature
+from hardware.board.listener import READINGS
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
 from hardware.live_feed import LiveView, live_display
 from limb_systems import (
     EmulatedLimb,
     LimbError,
-    LimbModel,
     LimbSystem,
     Provenance,
     Recording,
@@ -84,12 +85,7 @@ def replay(
     """
     with closing(check_limb(limb)):
         check_replayable(trajectory, limb, unchecked=unchecked)
-        if controller is None:
-            controller = TrajectorySource(trajectory.since_start().duty_trajectory())
-        else:
-            _check_controller(controller, limb)
-        duration = trajectory.duration
-        return _record_with(limb, controller, duration, journal, live, trajectory)
+        return _record_with(limb, controller, trajectory.duration, journal, live, trajectory)
 
 
 def watch(
@@ -112,8 +108,7 @@ def watch(
         OutputError: as for `replay`.
     """
     with closing(check_limb(limb)):
-        off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _record_with(limb, off, duration, journal, live, ended_by_hand=True)
+        return _record_with(limb, None, duration, journal, live, ended_by_hand=True)
 
 
 def present_readings(limb: LimbSystem) -> np.ndarray:
@@ -221,37 +216,53 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
         warnings.warn(sentence, stacklevel=2)
 
 
-def _check_controller(controller: System, limb: LimbSystem) -> None:
-    """Raise ReplayError unless the limb has a port for each port of the controller."""
-    # Sizes of the limb's outputs.
+def _connect_controller(
+    builder: DiagramBuilder, limb: LimbSystem, controller: System
+) -> OutputPort:
+    """Connect a limb's outputs to a controller, and return the controller's duty.
+
+    Raise ReplayError unless the limb has an output for each input of the controller.
+    """
+    # The controller must have a duty for each wire.
     name = type(controller).__name__
-    layout = LimbModel.of(limb.parameters).layout
-    num_wires = layout.num_wires
-    sizes = {"measured_temperature": num_wires, "bend_angle": layout.num_bends}
-    sizes["measurement"] = sum(sizes.values())
-    if limb.HasOutputPort("body_pose"):
-        sizes["body_pose"] = limb.GetOutputPort("body_pose").size()
-    # The controller must have the limb's duty, and inputs for these outputs only.
+    num_wires = len(limb.parameters.wires)
     if not controller.HasOutputPort("duty"):
         raise ReplayError(f"{name} has no output port duty, and cannot drive a limb.")
-    if (size := controller.GetOutputPort("duty").size()) != num_wires:
-        raise ReplayError(f"{name} has a duty for {size} wires, but the limb has {num_wires}.")
+    duty = controller.GetOutputPort("duty")
+    if duty.size() != num_wires:
+        raise ReplayError(
+            f"{name} has a duty for {duty.size()} wires, but the limb has {num_wires}."
+        )
+    # Its inputs must be outputs of the limb.
+    names = [*READINGS, "measurement", *["body_pose"] * limb.HasOutputPort("body_pose")]
     for index in range(controller.num_input_ports()):
         port = controller.get_input_port(index)
-        if port.get_name() not in sizes:
+        if port.get_name() not in names:
             raise ReplayError(
                 f"{name} has an input port {port.get_name()}, but a limb has only the outputs "
-                f"{', '.join(sizes)}."
+                f"{', '.join(names)}."
             )
-        if port.size() != (size := sizes[port.get_name()]):
+        if limb.HasOutputPort(port.get_name()):
+            output = limb.GetOutputPort(port.get_name())
+        else:
+            # Join both readings for a limb without the output ``measurement``.
+            readings = list(map(limb.GetOutputPort, READINGS))
+            joined = builder.AddSystem(Multiplexer([reading.size() for reading in readings]))
+            for entry, reading in enumerate(readings):
+                builder.Connect(reading, joined.get_input_port(entry))
+            output = joined.get_output_port()
+        if port.size() != output.size():
             raise ReplayError(
-                f"{name} takes {port.size()} values at {port.get_name()}, but the limb has {size}."
+                f"{name} takes {port.size()} values at {port.get_name()}, but the limb has "
+                f"{output.size()}."
             )
+        builder.Connect(output, port)
+    return duty
 
 
 def _record_with(
     limb: LimbSystem,
-    controller: System,
+    controller: System | None,
     duration: float,
     journal: str | Path | None,
     live: LiveView | None,
@@ -259,18 +270,18 @@ def _record_with(
     *,
     ended_by_hand: bool = False,
 ) -> Recording:
-    """Record a limb that a controller drives; the arguments are as for `replay` and `watch`."""
-    # Connect the controller and the limb, and end the simulation at a cut-out.
+    """Record a limb under a controller, or the duty of a plan, or none; see `replay`, `watch`."""
+    # Connect what drives the limb, and end the simulation at a cut-out.
     builder = DiagramBuilder()
-    builder.AddSystem(controller)
-    builder.AddSystem(limb)
-    _connect_readings(builder, limb, controller)
-    # A TrajectorySource and a ConstantVectorSource have one port, with Drake's name.
-    duty = (
-        controller.GetOutputPort("duty")
-        if controller.HasOutputPort("duty")
-        else controller.get_output_port()
-    )
+    if controller:
+        builder.AddSystem(controller)
+        builder.AddSystem(limb)
+        duty = _connect_controller(builder, limb, controller)
+    else:
+        off = np.zeros((len(limb.parameters.wires), 1))
+        course = plan.since_start().duty_trajectory() if plan else PiecewisePolynomial(off)
+        duty = builder.AddSystem(TrajectorySource(course)).get_output_port()
+        builder.AddSystem(limb)
     if plan is not None and limb.HasOutputPort("cut_out"):
         cut_out_end = builder.AddSystem(_EndAtCutOut())
         builder.Connect(limb.GetOutputPort("cut_out"), cut_out_end.get_input_port())
@@ -309,8 +320,7 @@ def record_with_journal(
         builder, limb, duty, duration, options: as for `record`.
         journal, live: as for `replay`.
         plan: trajectory that the limb follows; a cut-out then interrupts the recording.
-        kind: kind of the recording, see `Recording`.
-        seed: seed of the random numbers in the experiment, if there are any.
+        kind, seed: kind of the recording, and seed of its provenance.
         ended_by_hand: whether Ctrl-C is a regular end.
     """
     provenance = Provenance.now(limb.parameters, seed)
@@ -370,19 +380,3 @@ class _EndAtCutOut(LeafSystem):
         if self.get_input_port().Eval(context)[0]:
             return EventStatus.ReachedTermination(self, "the emulated limb has cut out")
         return EventStatus.DidNothing()
-
-
-def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:
-    """Connect the limb's outputs to the controller's inputs."""
-    for index in range(controller.num_input_ports()):
-        port = controller.get_input_port(index)
-        name = port.get_name()
-        if name != "measurement" or limb.HasOutputPort(name):
-            builder.Connect(limb.GetOutputPort(name), port)
-            continue
-        # Join both readings for a limb without the output ``measurement``.
-        readings = list(map(limb.GetOutputPort, ("measured_temperature", "bend_angle")))
-        joined = builder.AddSystem(Multiplexer([reading.size() for reading in readings]))
-        for entry, reading in enumerate(readings):
-            builder.Connect(reading, joined.get_input_port(entry))
-        builder.Connect(joined.get_output_port(), port)

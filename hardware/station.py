@@ -24,10 +24,9 @@ import urdf
 from hardware.board.link import Closeable
 from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import switch_off_together
-from hardware.drivers import LimbDriver, export_limb
 from hardware.emulation.twin import LimbTwin
 from hardware.replaying import check_replayable
-from hardware.scenario import Scenario, StationError
+from hardware.scenario import LimbDriver, Scenario, StationError, export_limb
 from limb_systems import Trajectory, WireColors
 from limb_systems.contact import ContactForces
 from limb_systems.files.schema import short_repr

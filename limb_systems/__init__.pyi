@@ -42,8 +42,7 @@ from .limb_system import LimbSystem
 from .plan_band import Band, band
 from .simulation import simulate
 from .statics import resting_state
-from .views.limb_view import wire_color
-from .views.live_wire_colors import WireColors
+from .views.limb_view import WireColors, wire_color
 from .views.replay_page import write_meshcat_replay
 from .wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
 from .wire_laws.coupled import CoupledLaw

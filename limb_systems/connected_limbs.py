@@ -22,7 +22,7 @@ def connected(name: str) -> Any:
     when it is needed:
 
     - ``description``: the subclass of `ConnectedLimbs` that files are read into.
-    - ``view``: its `limb_systems.views.limb_view.LimbView`, made from a description.
+    - ``view``: its `limb_systems.views.limb_view.LimbView`, made from a Meshcat and a description.
     - ``panels``: function of a description and a motion that returns the panels of signals that
       no single limb has.
     - ``emulation``: its emulation, made like `hardware.LimbTwin`.
@@ -122,12 +122,12 @@ def load_description(path: str | Path | None) -> LimbParameters | ConnectedLimbs
     """
     if path is None:
         return LimbParameters()
-    if not describes_connected(read_text(path, "parameters", ParameterError)):
+    if not CONNECTED_FIELDS & top_level_fields(read_text(path, "parameters", ParameterError)):
         return LimbParameters.load(path)
     connected = ConnectedLimbs.registered().load(path)
     return connected.limbs[0].parameters if connected.is_limb else connected
 
 
-def describes_connected(text: str) -> bool:
-    """Return whether the YAML text of a description describes connected limbs."""
-    return bool(CONNECTED_FIELDS & set(re.findall(r"^\{?(\w+):", text, re.MULTILINE)))
+def top_level_fields(text: str) -> set[str]:
+    """Return the names of the fields at the top level of a YAML text."""
+    return set(re.findall(r"^\{?(\w+):", text, re.MULTILINE))

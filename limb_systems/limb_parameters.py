@@ -267,8 +267,17 @@ class EmulatedLimb(BoardIdentity):
 
     @property
     def identity(self) -> str:
-        """A text of all fields, since each of them makes another limb."""
-        return repr(dataclasses.astuple(self))
+        """A text of the fields, of which each makes another limb.
+
+        The fields after ``extra`` count only if they are given: a field that a later version adds
+        then leaves all other limbs their numbers.
+        """
+        counted = [self.seed, self.description, self.absent, self.extra]
+        for field in dataclasses.fields(self)[len(counted) :]:
+            value = getattr(self, field.name)
+            if value and value != field.default:
+                counted.append(value)
+        return repr(tuple(counted))
 
     @property
     def serial_number(self) -> str:

@@ -89,28 +89,7 @@ def stack_limbs(
         ParameterError: if laws are of several classes, or differ in a word.
     """
     segments = [limb.segments[0] for limb in limbs]
-    # Stack the fields of the laws, all of one class.
-    laws: list[WireLaw] = []
-    for segment in segments:
-        laws += [wire.law for wire in segment.wires]
-    law_types = set(map(type, laws))
-    if len(law_types) > 1:
-        names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
-        raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
-    (law_type,) = law_types
-    fields: dict[str, Any] = {}
-    for field in dataclasses.fields(law_type):
-        values = [getattr(law, field.name) for law in laws]
-        if not isinstance(values[0], str):
-            fields[field.name] = np.reshape(values, (len(limbs), 1, -1))
-            continue
-        # A word chooses the equations, which are the same for all wires.
-        if len(words := sorted(set(values))) > 1:
-            raise ParameterError(
-                f"The laws of the wires have several words for {field.name}, "
-                f"{' and '.join(words)}; use one for all."
-            )
-        fields[field.name] = values[0]
+    law = stack_laws([[wire.law for wire in segment.wires] for segment in segments])
     # Stack the properties of the rubber.
     properties = ["stiffness", "rest_angle"]
     if any(segment.stiffening for segment in segments):
@@ -122,7 +101,31 @@ def stack_limbs(
     for name in ("shift", "rate") if memories else ():
         rubber[name] = np.array([getattr(memory, name) for memory in memories])
     ambient = np.array([limb.ambient_temperature for limb in limbs])
-    return with_fields(law_type, fields), ambient, rubber
+    return law, ambient, rubber
+
+
+def stack_laws(laws_by_limb: Sequence[Sequence[WireLaw]]) -> WireLaw:
+    """Return laws of the W wires of B limbs as one, with fields (B, 1, W); see `stack_limbs`."""
+    laws = list(itertools.chain(*laws_by_limb))
+    law_types = set(map(type, laws))
+    if len(law_types) > 1:
+        names = " and ".join(sorted(law_type.__name__ for law_type in law_types))
+        raise ParameterError(f"The wires have laws of several classes, {names}; use one for all.")
+    (law_type,) = law_types
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(law_type):
+        values = [getattr(law, field.name) for law in laws]
+        if not isinstance(values[0], str):
+            fields[field.name] = np.array(values, float).reshape(len(laws_by_limb), 1, -1)
+            continue
+        # A word chooses the equations, which are the same for all wires.
+        if len(words := sorted(set(values))) > 1:
+            raise ParameterError(
+                f"The laws of the wires have several words for {field.name}, "
+                f"{' and '.join(words)}; use one for all."
+            )
+        fields[field.name] = values[0]
+    return with_fields(law_type, fields)
 
 
 def parameter_owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
@@ -172,6 +175,10 @@ class OpenLoop:
     The heat of a wire is short for its X states x, by its law, and the reading V of its
     thermocouple: X + 1 numbers, T and V in °C. Signals at the start and at the ends of the steps of
     all runs are in S ``rows``, see `RaggedRows`, so that a run takes no longer than its own steps.
+
+    In private methods the sets are the last axis: laws have fields (1, W, B), T0 is (R, W, B), °C,
+    heat at the start (X + 1, R, W, B), and heat over time (X + 1, S, W, B). Torques are in N·m, and
+    ``rubber`` is as for `simulate`.
 
     Args:
         duty: its mean over each step (K, R, W), in [0, 1].
@@ -235,16 +242,7 @@ class OpenLoop:
     def _torques(
         self, law: WireLaw, heat: np.ndarray, T0: np.ndarray
     ) -> tuple[Callable[[np.ndarray], np.ndarray], bool]:
-        """Return a function of θ that gives the torques, and whether they depend on θ.
-
-        Args:
-            law: with fields (1, W, B).
-            heat: heat (X + 1, S, W, B).
-            T0: °C (R, W, B).
-
-        Returns:
-            Function of θ (S, B), rad, with torques (S, W, B), N·m; True if they depend on θ.
-        """
+        """Return a function from θ (S, B) to torques (S, W, B), and whether these depend on θ."""
         torque = law_torque(law)
         points = law_points(law, heat, T0[self.rows.sequence], np.nan)
         # A torque that is nan at an unknown θ depends on θ.
@@ -266,11 +264,6 @@ class OpenLoop:
         A law whose heat, stress and transformation act on each other may be too fast for the step.
         If one parameter set diverges, all are simulated again in the same shorter steps, because
         they are compared with each other.
-
-        Args:
-            law: with fields (1, W, B).
-            T0: °C (R, W, B).
-            start: heat at the start (X + 1, R, W, B).
 
         Returns:
             Heat in the rows of all substeps (X + 1, rows, W, B), and their number in a step.
@@ -324,14 +317,7 @@ class OpenLoop:
     def _simulate_near_first(
         self, law: WireLaw, T0: np.ndarray, start: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Simulate sets by their differences from the first; see `simulate`.
-
-        Args:
-            law: with fields (1, W, B).
-            T0: °C (R, W, B).
-            start: heat at the start (X + 1, R, W, B).
-            rubber: see `simulate`.
-        """
+        """Simulate sets by their differences from the first; see `simulate`."""
         # Simulate the first set alone, and find the θ about which torques are linear.
         first_law = _map_fields(law, lambda field: field[..., :1])
         first_T0 = T0[..., :1]
@@ -374,16 +360,10 @@ class OpenLoop:
     def _heat_slopes(
         self, law: WireLaw, T0: np.ndarray, heat: np.ndarray, num_substeps: int
     ) -> np.ndarray:
-        """Return derivatives of the heat of one set at the ends of steps, in each run and wire.
+        """Return derivatives of the heat of one set, whose heat in the rows of substeps is given.
 
-        Args:
-            law: with fields (1, W, 1).
-            T0: °C (R, W, 1).
-            heat: heat in the rows of all substeps (X + 1, rows, W, 1).
-            num_substeps: number of substeps in a step.
-
-        Returns:
-            Derivatives by the initial heat, T0 and the N fields (S, W, X + 1, X + 2 + N).
+        They are by the initial heat, T0 and the N fields, at the ends of the steps, in each run and
+        wire (S, W, X + 1, X + 2 + N).
         """
         # Differentiate each substep by the heat before it, T0 and the fields.
         rows = self._substep_rows(num_substeps)
@@ -423,10 +403,8 @@ class OpenLoop:
         θ less its θ at rest.
 
         Args:
-            torques: torques of the wires, if they do not depend on θ (S, W, B), N·m.
-            rubber: ``stiffness``, N·m/rad, ``rest_angle``, rad, and others (B,); see `simulate`.
-            torques_at_theta: function of θ (S, B), rad, that returns the torques at θ (S, W, B),
-                N·m; None if torques do not depend on θ.
+            torques: torques of the wires (S, W, B), if they do not depend on θ.
+            torques_at_theta: see `_torques`; None if torques do not depend on θ.
         """
         bend_by_theta = self._chain.bend_by_equal_angle  # (11)
         deflection = self._deflections(torques, rubber)
@@ -438,12 +416,7 @@ class OpenLoop:
         return (rubber["rest_angle"] + bend_by_theta * deflection)[:, None]
 
     def _deflections(self, torques: np.ndarray, rubber: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the angle of each joint from rest (S, B), rad, under torques of wires (S, W, B).
-
-        Args:
-            torques: N·m.
-            rubber: ``stiffness``, N·m/rad, and others (B,); see `simulate`.
-        """
+        """Return the angle of each joint from rest (S, B), rad, under wires' torques (S, W, B)."""
         bend_by_theta = self._chain.bend_by_equal_angle
         deflection = self._directions @ torques / rubber["stiffness"]
         if "shift" in rubber:
@@ -469,7 +442,6 @@ class OpenLoop:
         Args:
             bends_alone: bend that each wire would hold alone (S, W, B), rad.
             directions: directions of the wires, by each of F bends (W, F, B) or (W, F, 1).
-            rubber: ``shift``, rad, and ``rate``, 1/rad (B,).
         """
         # Each step that bends the limb further draws the rest angle after it.
         first = self.rows.blocks[0].stop

@@ -26,19 +26,15 @@ class Band:
     """The band in which limbs of one segment stay that are driven with a plan's duty, open loop.
 
     - ``time``: time since the start of the plan (M,), s.
-    - ``bend_angle``: half-width of the band about φ* in which the true bend of 95% of all
-      limbs stays (M,), rad.
-    - ``bend_reading``: half-width of the band in which 95% of all bend sensors read, with
+    - ``bend_reading``: half-width of the band about φ* in which 95% of all bend sensors read, with
       noise and drift (M,), rad.
-    - ``wire_temperature``, ``measured_temperature``: distance above the plan's T and V that
-      995 of 1000 limbs keep within, for each wire (W, M), °C.
+    - ``measured_temperature``: distance above the plan's V that 995 of 1000 limbs keep within, for
+      each wire (W, M), °C.
     - ``highest_readings``: highest V of each wire that 995 of 1000 limbs keep within (W,), °C.
     """
 
     time: np.ndarray
-    bend_angle: np.ndarray
     bend_reading: np.ndarray
-    wire_temperature: np.ndarray
     measured_temperature: np.ndarray
     highest_readings: np.ndarray
 
@@ -85,7 +81,7 @@ def band(trajectory: Trajectory) -> Band | None:
     for values in (*law_states, readings):
         initial.append(np.broadcast_to(values, (len(limbs), 1, num_wires)))
     open_loop = OpenLoop(duty[:, np.newaxis], ends[1], parameters.segments[0])
-    temperature, reading, bend = open_loop.simulate(law, ambient[:, np.newaxis], initial, rubber)
+    _, reading, bend = open_loop.simulate(law, ambient[:, np.newaxis], initial, rubber)
 
     # Find the spread of the bends, with the error of the law's form.
     form_bend_deviation = MEAN_TO_DEVIATION * record.bend_error
@@ -103,9 +99,7 @@ def band(trajectory: Trajectory) -> Band | None:
     highest = reading.max(axis=0)
     return Band(
         time=ends,
-        bend_angle=BEND_QUANTILE * bend_deviation,
         bend_reading=BEND_QUANTILE * np.linalg.norm(deviations, axis=0),
-        wire_temperature=upper_quantile(temperature).T,
         measured_temperature=upper_quantile(reading).T,
         highest_readings=highest[:, 0] + upper_quantile(highest),
     )

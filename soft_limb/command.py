@@ -9,12 +9,12 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
 from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
 from limb_systems.errors import LimbError
-from soft_limb.startup import exit_before_start
+from soft_limb import exit_before_start
 
 EXIT_STATUS = (
     "exit status: 0 done; 1 failed; 2 wrong usage, or import or fit has a question; "
@@ -113,25 +113,13 @@ def _top_level_parser() -> argparse.ArgumentParser:
         + f"\nsoft-limb COMMAND --help explains a command.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, help="show program's version number and exit"
-    )
+    parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
     _add_import_option(parser)
     parser.add_argument("command", type=_command_name, metavar="COMMAND", help="see below")
     parser.add_argument(
         "arguments", nargs=argparse.REMAINDER, metavar="...", help="options of the command"
     )
     return parser
-
-
-class _Version(argparse.Action):
-    """The option ``--version``; it looks the version up only when it is given."""
-
-    def __call__(self, parser, *_: Any) -> None:
-        from importlib.metadata import version
-
-        print(f"soft-limb {version('soft-limb')}")
-        parser.exit()
 
 
 def _command_name(name: str) -> str:

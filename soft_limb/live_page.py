@@ -31,7 +31,6 @@ from bokeh.application.handlers import FunctionHandler
 from bokeh.document import Document
 from bokeh.layouts import column
 from bokeh.models import Button, ColumnDataSource, Div, Range1d
-from bokeh.plotting import figure
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from tornado.httpserver import HTTPServer
@@ -331,7 +330,11 @@ class Page:
             self._drawn_header = header
             self._num_drawn = 0
             self.source = ColumnDataSource(columns(header, []), name="readings")
-            self._curves.children = figures(header, self.source)
+            x_range = Range1d(start=0.0, end=header.duration)
+            drawn = [charts.draw(panel, self.source, x_range) for panel in panels(header)]
+            for above in drawn[:-1]:
+                above.xaxis.axis_label = None
+            self._curves.children = drawn
         # Append the new readings to the curves.
         num_new = min(run.num_readings - self._num_drawn, len(run.readings))
         self._num_drawn = run.num_readings
@@ -370,15 +373,6 @@ def columns(header: RunHeader, readings: Iterable[Reading]) -> dict[str, list[fl
         for number, values in enumerate(scale * np.reshape(rows, (-1, size)).T):
             columns_by_name[f"{name}_{number}"] = values.tolist()
     return columns_by_name
-
-
-def figures(header: RunHeader, source: ColumnDataSource) -> list[figure]:
-    """Return the charts of a recording, whose measured curves take their columns from a source."""
-    x_range = Range1d(start=0.0, end=header.duration)
-    drawn = [charts.draw(panel, source, x_range) for panel in panels(header)]
-    for above in drawn[:-1]:
-        above.xaxis.axis_label = None
-    return drawn
 
 
 def panels(header: RunHeader) -> list[Panel]:

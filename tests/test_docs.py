@@ -4,8 +4,6 @@ import contextlib
 import functools
 import importlib
 import inspect
-import itertools
-import os
 import pkgutil
 import re
 import runpy
@@ -36,8 +34,7 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, SerialLimb, Station
-from hardware.board.journal import Journal
-from hardware.live_feed import Feed
+from hardware.board.listener import SignalListener
 from limb_systems import (
     CalibrationRecord,
     HeatBounds,
@@ -52,9 +49,6 @@ from limb_systems import (
     WireColors,
     WireParameters,
 )
-from limb_systems.files.csv_format import FORMAT_VERSION
-from limb_systems.files.signal_table import column_names
-from limb_systems.simulation import RecordOptions
 from planners import plan
 from soft_limb.command import all_commands, main
 from soft_limb.commands.options import SHARED
@@ -314,8 +308,7 @@ def systems(monkeypatch, short_plan, gait, gait_in_space, meshcat, station):
         RecedingHorizon(short_plan),
         TemperatureSupervisor(nominal),
         SerialLimb("port"),
-        Feed(None, Limb()),
-        Journal(os.devnull, Limb(), RecordOptions()),
+        SignalListener({"duty": 2}, 20.0, print),
         LimbActuation(),
         WireColors(nominal, meshcat),
         station,
@@ -415,14 +408,3 @@ def test_parameters_on_the_page_are_the_nominal_ones():
     for field, (unit, text) in listed.items():
         assert unit == ranges[field]["unit"].replace("links", "1")
         assert tuple(map(float, text.split(" to "))) == ranges[field]["range"]
-
-
-def test_excerpts_of_files_are_of_this_format():
-    known = list(itertools.chain(*column_names(LimbParameters()).values()))
-    for path in {*PAGES.values()}:
-        for code, _ in blocks(TEXTS[path], "text"):
-            for line in code.splitlines():
-                if line.startswith("time_s,"):
-                    assert set(line.split(",")) <= set(known)
-                if line.startswith("# limb "):
-                    assert line.endswith(f", format {FORMAT_VERSION}")

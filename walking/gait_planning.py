@@ -193,7 +193,7 @@ def _ensure_walking(
 
     # Plan safer gaits where it fails, until one passes.
     remedy = "steadiness"
-    factors = STEADINESS_FACTORS
+    factors: tuple[float, ...] = STEADINESS_FACTORS
     difference = f"steadier than the {first.steadiness:g}"
     if gait.in_space:
         remedy = "sticking_share"

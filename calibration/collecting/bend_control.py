@@ -1,5 +1,6 @@
 """Hold a limb at bend angles: the PI controller and the schedule of Sec. V-C."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,6 @@ from calibration.recordings.kinds import heated_wires, only_segment
 from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import declare_state_output, weak_method
 from limb_systems.simulation import PERIOD
-from limb_systems.wires import Wires
 
 DUTY_TAPER = 15.0  # °C below the cut-out, over which the largest duty falls to zero
 CUT_OUT_MARGIN = 5.0  # °C below T_max, where a wire is switched off
@@ -56,21 +56,23 @@ class BendAngleController(LeafSystem):
         wires = LimbModel.of(parameters).wires
         # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
         middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
-        temperature = np.full(wires.num_wires, middle)
-        temperature[-1] = middle - 1.0
-        cooler_torque, cooler_duty = _holding_torque_and_duty(wires, temperature)
-        temperature[-1] = middle + 1.0
-        warmer_torque, warmer_duty = _holding_torque_and_duty(wires, temperature)
-        steady = (warmer_torque - cooler_torque) / (warmer_duty - cooler_duty)
+        torques = []
+        duties = []
+        for last in (middle - 1.0, middle + 1.0):
+            temperature = np.append(np.full(wires.num_wires - 1, middle), last)
+            states = wires.settled_states(temperature)
+            torques.append(wires.forces(states, np.zeros(len(wires.levers)))[0])
+            duties.append(wires.holding_duty(states)[-1])
+        steady = (torques[1] - torques[0]) / (duties[1] - duties[0])
         gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
         # Choose gains for a loop gain of 1.5 and a zero at the slowest pole.
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
         self._proportional_gain = 1.5 / gain
         self._integral_gain = 1.5 / gain * slowest
-        sides = np.sign([wire.lever[0] for wire in segment.wires])
         # 1 or -1 of a wire that bends towards or away from +E2; 0 of a wire that is not actuated.
-        is_actuated = np.isin(np.arange(wires.num_wires), heated_indices)
-        self._bend_sign = np.where(is_actuated, sides, 0.0)
+        self._bend_signs = [0.0] * wires.num_wires
+        for index in heated_indices:
+            self._bend_signs[index] = float(np.sign(segment.wires[index].lever[0]))
         self._co_contraction = CO_CONTRACTION_DUTY if len(heated_indices) > 1 else 0.0
         self._cut_out_temperature = parameters.temperature_limits.maximum - CUT_OUT_MARGIN
         # Declare ports and state.
@@ -80,41 +82,37 @@ class BendAngleController(LeafSystem):
         state = self.DeclareDiscreteState(1 + 2 * wires.num_wires)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        declare_state_output(
-            self, "duty", state, slice(1 + wires.num_wires, 1 + 2 * wires.num_wires)
-        )
+        duty = slice(1 + wires.num_wires, 1 + 2 * wires.num_wires)
+        declare_state_output(self, "duty", state, duty)
 
     def _update(self, context, discrete_state):
-        state = context.get_discrete_state_vector().value()
-        integral = state[0]
-        was_cut_out = state[1 : 1 + len(self._bend_sign)] > 0.5
-        bend_angle = self.EvalVectorInput(context, 0)[0]
-        measured_temperature = self.EvalVectorInput(context, 1).value()
-        set_point = self.EvalVectorInput(context, 2)[0]
+        # Calculate with numbers, because arrays of one or two take several times as long.
+        integral, *were_cut_out = context.get_discrete_state_vector().value().tolist()
+        measured_temperature = self.EvalVectorInput(context, 1).value().tolist()
+        error = self.EvalVectorInput(context, 2)[0] - self.EvalVectorInput(context, 0)[0]
+        error_sign = math.copysign(1.0, error)
         # Limit the duty by the temperature.
-        error = set_point - bend_angle
-        switching_temperature = self._cut_out_temperature - CUT_OUT_HYSTERESIS * was_cut_out
-        is_cut_out = measured_temperature >= switching_temperature
-        room = self._cut_out_temperature - measured_temperature  # °C
-        taper = np.minimum(np.maximum(room / DUTY_TAPER, 0.0), 1.0)
-        is_off = is_cut_out | np.isnan(taper)  # no duty without a reading
-        limit = np.where(is_off, 0.0, MAX_DUTY * taper) * np.abs(self._bend_sign)
+        is_cut_out = []
+        limits = []
+        available_duty = 0.0  # of wires that reduce the error
+        for index, bend_sign in enumerate(self._bend_signs):
+            room = self._cut_out_temperature - measured_temperature[index]  # °C
+            is_off = room <= CUT_OUT_HYSTERESIS * were_cut_out[index]
+            is_cut_out.append(float(is_off))
+            # There is no duty without a reading.
+            has_duty = bend_sign and room > 0.0 and not is_off
+            limits.append(MAX_DUTY * min(room / DUTY_TAPER, 1.0) if has_duty else 0.0)
+            if bend_sign == error_sign:
+                available_duty = max(available_duty, limits[index])
         # Compute the PI command, and integrate unless it is at its limit.
         command = self._proportional_gain * error + self._integral_gain * integral
-        error_sign = np.sign(error)
-        available_duty = max(limit[self._bend_sign == error_sign], default=0.0)
         if not error_sign * command > available_duty:
             integral += PERIOD * error
-        wanted_duty = self._co_contraction + self._bend_sign * command
-        duty = np.minimum(np.maximum(wanted_duty, 0.0), limit)
-        discrete_state.set_value(np.concatenate([[integral], is_cut_out, duty]))
-
-
-def _holding_torque_and_duty(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
-    """Return the first joint's torque, N·m, and the last wire's duty, with wires held at T (W,)."""
-    states = wires.settled_states(temperature)
-    torque = wires.forces(states, np.zeros(len(wires.levers)))[0]
-    return float(torque), float(wires.holding_duty(states)[-1])
+        duty = []
+        for bend_sign, limit in zip(self._bend_signs, limits, strict=True):
+            wanted_duty = self._co_contraction + bend_sign * command
+            duty.append(min(max(wanted_duty, 0.0), limit))
+        discrete_state.set_value([integral, *is_cut_out, *duty])
 
 
 class EquilibriumSchedule(LeafSystem):
@@ -146,7 +144,7 @@ class EquilibriumSchedule(LeafSystem):
             num_wires: W.
         """
         super().__init__()
-        self._angles = np.asarray(angles, float)
+        self._angles = [*map(float, angles)]
         self._longest = longest
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareVectorInputPort("measured_temperature", num_wires)
@@ -162,26 +160,30 @@ class EquilibriumSchedule(LeafSystem):
         return context.get_discrete_state_vector()[0] >= len(self._angles)
 
     def _start(self, context, discrete_state):
-        discrete_state.set_value(np.append(np.zeros(3), self._present(context)))
+        discrete_state.set_value([0.0, 0.0, 0.0, *self._present(context)])
 
-    def _present(self, context: Context) -> np.ndarray:
+    def _present(self, context: Context) -> list[float]:
         """Return the inputs [φ, V (W)], rad and °C."""
-        measured = self.EvalVectorInput(context, 1).value()
-        return np.append(self.EvalVectorInput(context, 0)[0], measured)
+        measured = self.EvalVectorInput(context, 1).value().tolist()
+        return [self.EvalVectorInput(context, 0)[0], *measured]
 
     def _update(self, context, discrete_state):
-        state = context.get_discrete_state_vector().value()
-        (index, time_held, time_settled) = state[:3]
-        average = state[3:]
-        present = self._present(context)
-        if np.isnan(state).any() or np.isnan(present).any():  # a board may miss a reading
-            average = np.where(np.isfinite(average), average, present)
-            present = np.where(np.isfinite(present), present, average)
+        state = context.get_discrete_state_vector().value().tolist()
+        index, time_held, time_settled, *averages = state
         # Average the inputs, and see whether the limb has settled.
-        average = average + PERIOD / self.AVERAGING_TIME * (present - average)
-        slope = (present[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
-        is_near = np.abs(average[0] - self._angle(index)) < self.NEAR_ANGLE
-        is_quiet = is_near and (np.abs(slope) < self.SLOW).all()  # nan: not known yet
+        is_quiet = True
+        for element, reading in enumerate(self._present(context)):
+            average = averages[element]
+            if math.isnan(average):  # a board may miss a reading
+                average = reading
+            present = average if math.isnan(reading) else reading
+            average += PERIOD / self.AVERAGING_TIME * (present - average)
+            averages[element] = average
+            if element == 0:
+                is_quiet = abs(average - self._angle(index)) < self.NEAR_ANGLE
+                continue
+            slope = (present - average) / self.AVERAGING_TIME  # of a ramp, in the end
+            is_quiet = is_quiet and abs(slope) < self.SLOW  # nan: not known yet
         time_held = time_held + PERIOD
         time_settled = time_settled + PERIOD if is_quiet else 0.0
         # Go on to the next angle when settled or late.
@@ -189,7 +191,7 @@ class EquilibriumSchedule(LeafSystem):
             index = index + 1
             time_held = 0.0
             time_settled = 0.0
-        discrete_state.set_value(np.concatenate([[index, time_held, time_settled], average]))
+        discrete_state.set_value([index, time_held, time_settled, *averages])
 
     def _angle(self, index: float) -> float:
         return self._angles[min(int(index), len(self._angles) - 1)]

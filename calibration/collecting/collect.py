@@ -2,6 +2,7 @@
 
 import copy
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -11,6 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
 from calibration.recordings.kinds import heated_wires, only_segment
+from hardware.board.journal import closing
 from hardware.live_feed import LiveView
 from hardware.replaying import record_with_journal
 from limb_systems import LimbError, LimbParameters, LimbSystem, Recording
@@ -33,6 +35,13 @@ WARM_UP_END = 100.0
 WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
 
 
+class Outputs(TypedDict, total=False):
+    """Outputs of a recording, see `hardware.replaying`: its file, and a page with the limb."""
+
+    journal: str | Path | None
+    live: LiveView | None
+
+
 def collect_equilibria(
     limb: LimbSystem,
     actuated: str,
@@ -40,8 +49,7 @@ def collect_equilibria(
     num_angles: int = 8,
     seed: int = 0,
     longest: float = 60.0,
-    journal: str | Path | None = None,
-    live: LiveView | None = None,
+    **outputs: Unpack[Outputs],
 ) -> Recording:
     """Return the datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
@@ -55,7 +63,7 @@ def collect_equilibria(
         num_angles: number of equilibria.
         seed: seed of the random angles.
         longest: time for which each of them is held at most, s.
-        journal, live: file of the recording, and page, as for `hardware.replaying`.
+        outputs: see `Outputs`.
 
     Returns:
         A recording with the set points φ_eq as its ``reference``.
@@ -63,49 +71,39 @@ def collect_equilibria(
     Raises:
         LimbError: if an argument makes no sense.
     """
-    check_limb(limb)
-    heated = heated_wires(limb.parameters, actuated)
-    if num_angles < 1 or seed < 0:
-        raise LimbError(
-            f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there must "
-            "be an angle at least, and the seed must be zero or more."
-        )
-    # Draw random angles to the sides of the heated wires.
-    wires = only_segment(limb.parameters).wires
-    sides = np.sign([wires[index].lever[0] for index in heated])
-    low = min(0, *sides)
-    high = max(0, *sides)
-    angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
-    # Hold them by PI control.
-    schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
-    controller = BendAngleController(limb.parameters, actuated)
-    duration = num_angles * longest
-    return _record(
-        limb, controller, duration, actuated, journal, live, seed=seed, schedule=schedule
-    )
+    with closing(check_limb(limb)):
+        heated = heated_wires(limb.parameters, actuated)
+        if num_angles < 1 or seed < 0:
+            raise LimbError(
+                f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there "
+                "must be an angle at least, and the seed must be zero or more."
+            )
+        # Draw random angles to the sides of the heated wires.
+        wires = only_segment(limb.parameters).wires
+        sides = np.sign([wires[index].lever[0] for index in heated])
+        low = min(0, *sides)
+        high = max(0, *sides)
+        angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
+        # Hold them by PI control.
+        schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
+        controller = BendAngleController(limb.parameters, actuated)
+        duration = num_angles * longest
+        return _record(limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule)
 
 
-def collect_sag(
-    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
-) -> Recording:
+def collect_sag(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Record the unheated limb while gravity bends it, for 15 s (Sec. V-A)."""
-    return _record(limb, _zero_duty(limb), 15.0, "sag", journal, live)
+    return _record(limb, _zero_duty(limb), 15.0, "sag", outputs)
 
 
 def collect_ring_down(
-    limb: LimbSystem,
-    sample_rate: float = RING_DOWN_RATE,
-    *,
-    journal: str | Path | None = None,
-    live: LiveView | None = None,
+    limb: LimbSystem, sample_rate: float = RING_DOWN_RATE, **outputs: Unpack[Outputs]
 ) -> Recording:
     """Record for 6 s a limb that a person holds at 45° and then releases (Sec. V-B)."""
-    return _record(limb, _zero_duty(limb), 6.0, "ring_down", journal, live, sample_rate=sample_rate)
+    return _record(limb, _zero_duty(limb), 6.0, "ring_down", outputs, sample_rate=sample_rate)
 
 
-def collect_first_contact(
-    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
-) -> Recording:
+def collect_first_contact(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Warm one wire after the other by some degrees, of a limb that was never recorded before.
 
     `fit_heat_bounds` learns from it with what bounds the wires can be warmed up.
@@ -119,18 +117,16 @@ def collect_first_contact(
         levels += [CONTACT_DUTY * wire, 0 * wire]
     duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
     source = DutyUntilWarm(duty, CONTACT_RISE)
-    return _record(limb, source, times[-1], "heated", journal, live)
+    return _record(limb, source, times[-1], "heated", outputs)
 
 
-def collect_warm_up(
-    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
-) -> Recording:
+def collect_warm_up(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Heat all wires a little at once for a minute, as `fit_heat_bounds` needs it."""
     ones = np.ones((len(check_limb(limb).parameters.wires), 1))
     levels = ones * [WARM_UP_DUTY, 0.0, 0.0]
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
     source = DutyUntilWarm(duty, WARM_UP_RISE)
-    return _record(limb, source, WARM_UP_END, "heated", journal, live)
+    return _record(limb, source, WARM_UP_END, "heated", outputs)
 
 
 def limb_for_first_contact(described: LimbParameters) -> LimbParameters:
@@ -146,21 +142,13 @@ def collect_excitation(
     limb: LimbSystem,
     excitation: Excitation,
     known: LimbParameters,
-    *,
-    journal: str | Path | None = None,
-    live: LiveView | None = None,
+    **outputs: Unpack[Outputs],
 ) -> Recording:
-    """Return one of `excitations`, with duty that is limited by what is known of the limb so far.
-
-    Args:
-        known: the limb as it is calibrated so far.
-        limb, journal, live: as for `collect_equilibria`.
-    """
-    source = LimitedDuty(known, excitation.duty)
-    duration = excitation.duty.end_time()
-    kind = excitation.kind
-    seed = excitation.seed
-    return _record(limb, source, duration, kind, journal, live, seed=seed)
+    """Return one of `excitations`, with duty that is limited by the limb as calibrated so far."""
+    with closing(check_limb(limb)):
+        source = LimitedDuty(known, excitation.duty)
+        duration = excitation.duty.end_time()
+        return _record(limb, source, duration, excitation.kind, outputs, seed=excitation.seed)
 
 
 def _zero_duty(limb: LimbSystem) -> LeafSystem:
@@ -172,8 +160,7 @@ def _record(
     source: LeafSystem,
     duration: float,
     kind: str,
-    journal: str | Path | None,
-    live: LiveView | None,
+    outputs: Outputs,
     *,
     sample_rate: float = SAMPLE_RATE,
     seed: int | None = None,
@@ -199,6 +186,8 @@ def _record(
 
     options = RecordOptions(reference=reference, until=until, sample_rate=sample_rate)
     duty = source.get_output_port()
+    journal = outputs.get("journal")
+    live = outputs.get("live")
     return record_with_journal(
         builder, limb, duty, duration, journal, live, options, kind=kind, seed=seed
     )

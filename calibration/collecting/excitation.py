@@ -23,14 +23,9 @@ from limb_systems.simulation import PERIOD
 
 NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
-# Durations in a mounting, s: before the first heat, of a level of one wire and of a pair of wires,
-# of cooling after a wire or a pair, and without heat before the recording.
-MOUNTED_START_TIME = 10.0
-MOUNTED_WIRE_TIME = 15.0
-MOUNTED_PAIR_TIME = 30.0
-MOUNTED_COOLING_TIME = 40.0
-MOUNTED_PAUSE = 60.0
+MOUNTED_COOLING_TIME = 40.0  # s, after a wire or a pair
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
+OFF_AND_ON = np.array([0.0, 1.0]).reshape(2, 1, 1, 1)  # duty of all wires of all limbs
 RISE_TAPER_SHARE = 0.2  # share of a rise, over which the duty is reduced
 NUM_MOTIONS = 3  # times that the motion is repeated
 LEVEL_STEP = 0.5  # s, of ramps
@@ -74,17 +69,17 @@ def mountings(num_wires: int) -> list[Excitation]:
     unit_levels = np.eye(num_wires)
     off = np.zeros(num_wires)
     # The parts of the duty: durations, s, and duties (W,).
-    parts = [(MOUNTED_START_TIME, off)]
+    parts = [(10.0, off)]
     for wire in unit_levels:
-        parts += [(MOUNTED_WIRE_TIME, level * wire) for level in MOUNTED_LEVELS]
+        parts += [(15.0, level * wire) for level in MOUNTED_LEVELS]
         parts.append((MOUNTED_COOLING_TIME, off))
     pairs = unit_levels + np.roll(unit_levels, 1, axis=1)
     # Two wires are neighbours twice, on both sides, but are one pair: np.unique drops the second.
     for pair in np.unique(pairs, axis=0) if num_wires > 1 else ():
-        parts.append((MOUNTED_PAIR_TIME, MOUNTED_LEVELS[1] * pair))
+        parts.append((30.0, MOUNTED_LEVELS[1] * pair))
         parts.append((MOUNTED_COOLING_TIME, off))
     return [
-        Excitation(name, "heated", pause=MOUNTED_PAUSE, duty=_held_levels(parts), turned=turned)
+        Excitation(name, "heated", pause=60.0, duty=_held_levels(parts), turned=turned)
         for name, turned in zip(MOUNTINGS, MOUNTING_ANGLES, strict=True)
     ]
 
@@ -130,16 +125,15 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
         motion.append((duration, np.roll(np.resize([left, right], num_wires), turn)))
 
     random_parts = [*_random_levels(random, num_wires), (120.0, off)]
-    return [
+    result = [
         Excitation("conditioning", "heated", 0.0, _held_levels(conditioning)),
         Excitation("pulses", "heated", 5.0, _held_levels(pulses), seed),
         Excitation("ramps", "heated", 5.0, _held_levels(ramps)),
         Excitation("random", "heated", 5.0, _held_levels(random_parts), seed),
-        *(
-            Excitation(f"motion_{n}", "motion", 120.0, _held_levels(motion))
-            for n in range(1, NUM_MOTIONS + 1)
-        ),
     ]
+    for number in range(1, NUM_MOTIONS + 1):
+        result.append(Excitation(f"motion_{number}", "motion", 120.0, _held_levels(motion)))
+    return result
 
 
 # s, and duty of left and right: to both sides, with both wires warm, as plans do it.
@@ -203,12 +197,11 @@ class _DutyByReadings(LeafSystem):
         wanted_duty = self._wanted_duty.value(min(context.get_time(), self._wanted_duty.end_time()))
         measured = self.get_input_port().Eval(context)
         own_state = state[: -self._num_wires]
-        duty = state[-self._num_wires :]
-        state, limited_duty = self._limited(own_state, duty, wanted_duty[:, 0], measured)
-        discrete_state.set_value(np.append(state, limited_duty))
+        own_state, limited_duty = self._limited(own_state, wanted_duty[:, 0], measured)
+        discrete_state.set_value(np.append(own_state, limited_duty))
 
-    def _limited(self, own_state, duty, wanted_duty, measured) -> tuple[np.ndarray, np.ndarray]:
-        """Return the subclass's state and the limited duty (W,) after a step."""
+    def _limited(self, own_state, wanted_duty, measured) -> tuple[np.ndarray, np.ndarray]:
+        """Return the subclass's state after a step, and the limited duty (W,) until then."""
         raise NotImplementedError
 
 
@@ -222,7 +215,8 @@ class LimitedDuty(_DutyByReadings):
 
     - input 0 ``measured_temperature``: V (W), °C
     - output 0 ``duty``: D (W), in [0, 1]
-    - state, discrete, at 20 Hz: [x of the wires' laws (number of states, limbs, W), D (W)]
+    - state, discrete, at 20 Hz: [x of the wires' laws a period later (number of states,
+      limbs, W), D (W)]
     """
 
     __slots__ = ()  # see limb_systems.drake_python
@@ -243,34 +237,34 @@ class LimitedDuty(_DutyByReadings):
     def _start(self, context, discrete_state):
         measured = self.get_input_port().Eval(context)
         states = np.zeros(self._shape)
-        for row, cold, name in zip(
-            states, self._law.cold_states(0.0), self._law.states, strict=True
-        ):
+        cold_states = zip(states, self._law.states, self._law.cold_states(0.0), strict=True)
+        for row, name, cold in cold_states:
             # Silicone is at most as warm as what the thermocouple reads.
             row[...] = np.nan_to_num(measured, nan=self._highest)
             if not self._law.is_temperature(name):
                 row[...] = cold
-        discrete_state.set_value(np.append(states.ravel(), np.zeros(self._num_wires)))
+        no_duty = np.zeros(self._num_wires)
+        states, _ = self._limited(states, no_duty, no_duty)
+        discrete_state.set_value(np.append(states, no_duty))
 
-    def _limited(self, own_state, duty, wanted_duty, measured):
+    def _limited(self, own_state, wanted_duty, measured):
         states = own_state.reshape(self._shape)
-        rates = np.empty_like(states)
-        for row, rate in zip(rates, self._law.rates(list(states), duty, self._rooms), strict=True):
+        # Rates are affine in the duty: interpolate between off and on.
+        rates = np.empty((len(states), 2, *self._shape[1:]))
+        law_rates = self._law.rates(list(states), OFF_AND_ON, self._rooms)
+        for row, rate in zip(rates, law_rates, strict=True):
             row[...] = rate
-        states = states + PERIOD * rates
-        return states.ravel(), np.minimum(wanted_duty, self._allowed(states, measured))
-
-    def _allowed(self, states: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Return the duty (W,) at which no limb's wire is above T_max soon."""
-        off_and_on = np.array([0.0, 1.0]).reshape(2, 1, 1, 1)
-        # Solve for the duty with which T reaches T_max within the reaction time.
-        cooling, heating = self._law.rates(list(states), off_and_on, self._rooms)[0]
+        rates_off = rates[:, 0]
+        rates_by_duty = rates[:, 1] - rates_off
+        # Solve for the duty with which the hottest T reaches T_max within the reaction time.
         allowed_rate = (self._highest - states[0]) / REACTION_TIME
-        duty = ((allowed_rate - cooling) / (heating - cooling)).min(axis=(0, 1))
-        taper = np.nan_to_num(
-            (self._highest - 5.0 - measured) / DUTY_TAPER
-        )  # no duty without a reading
-        return np.minimum(np.maximum(np.minimum(duty, taper), 0.0), 1.0)
+        allowed_duty = ((allowed_rate - rates_off[0]) / rates_by_duty[0]).min(axis=(0, 1))
+        taper = (self._highest - 5.0 - measured) / DUTY_TAPER
+        taper[np.isnan(taper)] = 0.0  # no duty without a reading
+        allowed_duty = np.minimum(np.maximum(np.minimum(allowed_duty, taper), 0.0), 1.0)
+        duty = np.minimum(wanted_duty, allowed_duty)
+        states = states + PERIOD * (rates_off + duty * rates_by_duty)
+        return states.ravel(), duty
 
 
 class DutyUntilWarm(_DutyByReadings):
@@ -293,7 +287,7 @@ class DutyUntilWarm(_DutyByReadings):
         super().__init__(duty, np.full(duty.rows(), np.nan))
         self._rise = rise
 
-    def _limited(self, own_state, duty, wanted_duty, measured):
+    def _limited(self, own_state, wanted_duty, measured):
         cold_readings = np.where(np.isnan(own_state), measured, own_state)
         share = np.clip((1 - (measured - cold_readings) / self._rise) / RISE_TAPER_SHARE, 0.0, 1.0)
         return cold_readings, np.nan_to_num(share) * wanted_duty  # no duty without a reading

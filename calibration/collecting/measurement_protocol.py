@@ -12,6 +12,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -29,7 +30,7 @@ from calibration.collecting.collect import (
     collect_warm_up,
     limb_for_first_contact,
 )
-from calibration.collecting.excitation import Excitation, excitations, mountings
+from calibration.collecting.excitation import excitations, mountings
 from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
 from calibration.paper_method.mechanics import GRAVITY, sag_payload
 from calibration.prediction.heated_run import HeatedRun
@@ -98,15 +99,13 @@ class Knowledge:
             return sentence
         # Compare the motion with its repetitions.
         self._motions.append(recording.bend_angle)
-        if len(self._motions) > 1:
-            differences = []
-            for motion, other_motion in itertools.combinations(self._motions, 2):
-                length = min(motion.shape[1], other_motion.shape[1])
-                difference = motion[:, :length] - other_motion[:, :length]
-                differences.append(np.linalg.norm(difference, axis=0).mean())
-            sentence += (
-                f"; motions differ by {np.rad2deg(np.mean(differences)):.1f}° from each other"
-            )
+        differences = []
+        for motion, other_motion in itertools.combinations(self._motions, 2):
+            pairs = zip(motion.T, other_motion.T, strict=False)  # one may be longer
+            differences.append(np.mean([np.linalg.norm(one - other) for one, other in pairs]))
+        if differences:
+            mean_deg = np.rad2deg(np.mean(differences))
+            sentence += f"; motions differ by {mean_deg:.1f}° from each other"
         return sentence
 
     def _fit(self) -> LawFit:
@@ -114,10 +113,7 @@ class Knowledge:
             ambient = ambient_temperature(self._recordings).value
             segment = copy.deepcopy(only_segment(self._described))
             segment.rest_angle = rest_angles(self._recordings, ambient)[0].value
-            runs = []
-            for recording in self._recordings:
-                if recording.duty.any():
-                    runs.append(HeatedRun.of(recording))
+            runs = [HeatedRun.of(each) for each in self._recordings if each.duty.any()]
             with threadpool_limits(1, "blas"):
                 self._fit_so_far = fit_law(self.LAW, runs, segment, ambient)
         return self._fit_so_far
@@ -145,27 +141,35 @@ class PlannedRecording:
     excites: bool = False
 
 
-def planned_recordings(
-    limb: LimbParameters,
-    protocol: str,
-    *,
-    seed: int,
-    num_angles: int,
-    longest: float,
-    sag_trials: int,
-    ring_downs: int,
-    emulated: bool,
-) -> list[PlannedRecording]:
-    """Return the recordings of a protocol in their order.
+class ProtocolOptions(TypedDict, total=False):
+    """Options of a protocol.
 
-    Args:
-        limb: description of the limb, of one segment.
-        emulated: whether the limb is emulated, which needs no first contact.
-        protocol, seed, num_angles, longest, sag_trials, ring_downs: as for `collect_from_twin`.
+    - ``protocol``: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
+      place of equilibria, or "all", the default.
+    - ``seed``, ``num_angles``, ``longest``: as for `collect_equilibria`.
+    - ``sag_trials``, ``ring_downs``: numbers of recordings, 10 and 3 if left out.
+    """
+
+    protocol: str
+    seed: int
+    num_angles: int
+    longest: float
+    sag_trials: int
+    ring_downs: int
+
+
+def planned_recordings(
+    limb: LimbParameters, emulated: bool, options: ProtocolOptions
+) -> list[PlannedRecording]:
+    """Return the recordings of a protocol in their order; emulated limbs need no first contact.
 
     Raises:
         LimbError: if there is no such protocol for the limb.
     """
+    protocol = options.get("protocol", "all")
+    seed = options.get("seed", 0)
+    num_angles = options.get("num_angles", 8)
+    longest = options.get("longest", 60.0)
     planar = only_segment(limb).axes == 1
     if protocol not in PROTOCOLS:
         raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
@@ -176,35 +180,22 @@ def planned_recordings(
     rate = RING_DOWN_RATE if emulated else 1 / PERIOD
     ring_down = functools.partial(collect_ring_down, sample_rate=rate)
     has_weight = planar and sag_payload(limb) > 0
-    plans = [
-        PlannedRecording(
-            f"sag_{number}",
-            "sag",
-            collect_sag,
-            pause=SAG_PAUSE * has_weight,
-            turned=180.0 * (has_weight and number % 2 == 0),
-        )
-        for number in range(1, sag_trials + 1)
-        if planar
-    ]
+    plans = []
+    num_sags = options.get("sag_trials", NUM_SAG_TRIALS) if planar else 0
+    for number in range(1, num_sags + 1):
+        pause = SAG_PAUSE * has_weight
+        turned = 180.0 * (has_weight and number % 2 == 0)
+        plans.append(PlannedRecording(f"sag_{number}", "sag", collect_sag, 0.0, pause, turned))
     # Ring-downs, by hand.
-    plans += [
-        PlannedRecording(f"ring_down_{number}", "ring_down", ring_down)
-        for number in range(1, ring_downs + 1)
-    ]
+    for number in range(1, options.get("ring_downs", NUM_RING_DOWNS) + 1):
+        plans.append(PlannedRecording(f"ring_down_{number}", "ring_down", ring_down))
     # Equilibria of each wire and of all.
+    equilibria = []
     hold = functools.partial(collect_equilibria, num_angles=num_angles, longest=longest)
-    equilibria = [
-        PlannedRecording(
-            kind,
-            kind,
-            functools.partial(hold, actuated=kind, seed=seed + number),
-            num_angles * longest,
-            pause=None,
-        )
-        for number, kind in enumerate(heated_kinds(limb))
-        if planar and protocol != "excitation"
-    ]
+    kinds = heated_kinds(limb) if planar and protocol != "excitation" else ()
+    for number, kind in enumerate(kinds, seed):
+        collect = functools.partial(hold, actuated=kind, seed=number)
+        equilibria.append(PlannedRecording(kind, kind, collect, num_angles * longest, None))
     contact = PlannedRecording(
         FIRST_CONTACT, "heated", collect_first_contact, CONTACT_TIME * len(limb.wires), pause=None
     )
@@ -212,6 +203,12 @@ def planned_recordings(
     plans += [*equilibria, warm_up] if emulated else [contact, warm_up, *equilibria]
     if protocol == "paper":
         return plans[:-1] if emulated else plans
+    # Excitations; in space, the stairs of mountings take the place of pulses and ramps.
+    chosen = excitations(len(limb.wires), seed)
+    if not planar and protocol == "all":
+        heated = [each for each in chosen if each.name in ("conditioning", "random")]
+        motions = [each for each in chosen if each.kind == "motion"]
+        chosen = [*heated, *mountings(len(limb.wires)), *motions]
     return plans + [
         PlannedRecording(
             excitation.name,
@@ -222,25 +219,8 @@ def planned_recordings(
             excitation.turned,
             excites=True,
         )
-        for number, excitation in enumerate(protocol_excitations(limb, seed, protocol))
+        for number, excitation in enumerate(chosen)
     ]
-
-
-def protocol_excitations(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
-    """Return the excitations of a protocol, motions last.
-
-    Where a limb bends in space, the stairs of `mountings` take the place of pulses and ramps.
-    """
-    all_excitations = excitations(len(limb.wires), seed)
-    if only_segment(limb).axes == 1 or protocol == "excitation":
-        return all_excitations
-    heated = [
-        excitation
-        for excitation in all_excitations
-        if excitation.name in ("conditioning", "random")
-    ]
-    motions = [excitation for excitation in all_excitations if excitation.kind == "motion"]
-    return [*heated, *mountings(len(limb.wires)), *motions]
 
 
 def mounted_limb(limb: LimbParameters, turned: float | None) -> LimbParameters:
@@ -275,15 +255,10 @@ def hand_for_ring_down(axes: int = 1) -> PiecewisePolynomial:
 def collect_from_twin(
     twin: LimbTwin,
     *,
-    seed: int = 0,
-    num_angles: int = 8,
-    longest: float = 60.0,
     cooling_time: float = 300.0,
-    sag_trials: int = NUM_SAG_TRIALS,
-    ring_downs: int = NUM_RING_DOWNS,
-    protocol: str = "all",
     tell: Callable[[str], object] = lambda name: None,
     live: LiveView | None = None,
+    **options: Unpack[ProtocolOptions],
 ) -> dict[str, list[Recording]]:
     """Return all recordings that calibration wants, from an emulated limb, one after the other.
 
@@ -293,14 +268,11 @@ def collect_from_twin(
 
     Args:
         twin: an emulated limb of one segment; `after_rest` is called on it.
-        seed, num_angles, longest: as for `collect_equilibria`.
         cooling_time: time without heat before each recording that begins cold, s.
-        sag_trials, ring_downs: numbers of recordings.
-        protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
-            place of equilibria, or "all".
         tell: is called with how many recordings there are, after the first of them with about
             how long the others take, and after each excitation with how well it was predicted.
         live: page on which the limb is shown, in real time: for an hour.
+        options: see `ProtocolOptions`.
 
     Returns:
         recordings by kind, as `calibrate` takes them.
@@ -310,23 +282,12 @@ def collect_from_twin(
     """
     described = copy.deepcopy(twin.parameters)
     # Plan the recordings, and estimate the work of each.
-    plans = planned_recordings(
-        described,
-        protocol,
-        seed=seed,
-        num_angles=num_angles,
-        longest=longest,
-        sag_trials=sag_trials,
-        ring_downs=ring_downs,
-        emulated=True,
-    )
+    plans = planned_recordings(described, True, options)
     tell(f"{len(plans)} recordings of an emulated limb")
-    work = {
-        plan.name: RECORDING_WORK
-        + plan.heated_time
-        + CALIBRATION_WORK * (plan.excites and plan.kind != "motion")
-        for plan in plans
-    }
+    work = {}
+    for plan in plans:
+        is_fitted = plan.excites and plan.kind != "motion"
+        work[plan.name] = RECORDING_WORK + plan.heated_time + CALIBRATION_WORK * is_fitted
     time_left = TimeLeft(sum(work.values()), tell)
     say = live.say if live else lambda _: None
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
@@ -334,10 +295,10 @@ def collect_from_twin(
     for plan in plans:
         # Let the emulated limb rest in the next mounting.
         limb = mounted_limb(described, plan.turned)
-        swing = {}
+        swing: dict[str, Any] = {}
         if plan.kind == "ring_down":
-            hand = hand_for_ring_down(only_segment(described).axes)
-            swing = {"hand": hand, "bend_rate": RING_DOWN_RATE}
+            swing["hand"] = hand_for_ring_down(only_segment(described).axes)
+            swing["bend_rate"] = RING_DOWN_RATE
         pause = cooling_time if plan.pause is None else plan.pause
         twin = twin.after_rest(pause, gravity=limb.gravity, payload=limb.payload, **swing)
         # Calibrate with what was recorded so far, which limits the duty.
@@ -368,12 +329,9 @@ def collect_from_robot(
     folder: str | Path,
     ask: Callable[[str], object],
     *,
-    seed: int = 0,
-    num_angles: int = 8,
-    longest: float = 60.0,
-    protocol: str = "all",
     tell: Callable[[str], object] = lambda numbered_name: None,
     live: LiveView | None = None,
+    **options: Unpack[ProtocolOptions],
 ) -> None:
     """Record all that calibration wants from a robot, one file after the other.
 
@@ -391,10 +349,9 @@ def collect_from_robot(
         parameters: the limb's description, of one segment.
         folder: folder of the recordings, named after their kinds.
         ask: shows an instruction to the operator, and returns when it is done.
-        seed, num_angles, longest: as for `collect_equilibria`.
-        protocol: as for `collect_from_twin`.
         tell: is called with how long wires are heated in all, and as by `collect_from_twin`.
         live: page on which the limb is shown, and what is done.
+        options: see `ProtocolOptions`.
 
     Raises:
         LimbError: if there is no such protocol, or if a thermocouple shows no heat.
@@ -402,16 +359,7 @@ def collect_from_robot(
         OutputError: as for `hardware.replaying`.
     """
     # Plan the recordings, and say how many are left.
-    plans = planned_recordings(
-        parameters,
-        protocol,
-        seed=seed,
-        num_angles=num_angles,
-        longest=longest,
-        sag_trials=NUM_SAG_TRIALS,
-        ring_downs=NUM_RING_DOWNS,
-        emulated=False,
-    )
+    plans = planned_recordings(parameters, False, options)
     paths = {plan.name: Path(folder) / f"{plan.name}.csv" for plan in plans}
     say = live.say if live else lambda _: None
     remaining_times = [plan.heated_time for plan in plans if not paths[plan.name].exists()]
@@ -479,11 +427,7 @@ def _warn_of_unfinished(path: Path) -> None:
 
 
 def _instruction(limb: LimbParameters, plan: PlannedRecording, remount: bool) -> str:
-    """Return what the operator is to do for a recording, after its name.
-
-    Args:
-        remount: whether an excitation needs another mounting than the recording before it.
-    """
+    """Return what the operator is to do for a recording, after its name."""
     segment = only_segment(limb)
     planar = segment.axes == 1
     load = sag_payload(limb) if planar else 0.0

@@ -8,9 +8,9 @@ from calibration.import_logs.words import is_unit
 AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")  # a number and its unit
 _SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
 _TIME = re.compile(
-    r"(?P<date>\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?P<hours>\d+):(?P<minutes>\d\d?):"
+    r"(?:\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?P<hours>\d+):(?P<minutes>\d\d?):"
     r"(?P<seconds>\d\d)(?:[.:](?P<fraction>\d+))?\s*(?P<half>[AaPp][Mm])?\s*"
-    r"(?:Z|(?P<sign>[-+])(?P<zone_hours>\d\d):?(?P<zone_minutes>\d\d))?"
+    r"(?:Z|[-+]\d\d:?\d\d)?"
 )
 
 
@@ -35,21 +35,17 @@ def number(text: str, decimal_mark: str = ".") -> float:
 def time_of_day(text: str) -> float:
     """Return the time since midnight in a cell with or without a date, s; nan if it has none.
 
-    The date says nothing more: no recording goes on over a gap of hours.
+    The date and the time zone say nothing more: no recording goes on over a gap of hours.
     """
     match = _TIME.fullmatch(text.strip().replace(",", "."))
     if not match:
         return math.nan
     part = match.groupdict()
-    # Take out am and pm, and the time zone.
     hours = int(part["hours"])
-    minutes = int(part["minutes"])
     if part["half"]:
         hours = hours % 12 + 12 * (part["half"][0] in "Pp")
-    if part["sign"]:
-        hours -= int(part["sign"] + part["zone_hours"])
-        minutes -= int(part["sign"] + part["zone_minutes"])
-    return 3600.0 * hours + 60.0 * minutes + float(f"{part['seconds']}.{part['fraction'] or 0}")
+    seconds = float(f"{part['seconds']}.{part['fraction'] or 0}")
+    return 3600.0 * hours + 60.0 * int(part["minutes"]) + seconds
 
 
 def is_number(cell: str, decimal_mark: str) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.import_logs.evidence import Steps, correlation
+from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
 from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import TEMPERATURE, Name
 
@@ -54,11 +54,15 @@ class Column:
 
     def votes(self, heats: np.ndarray) -> np.ndarray:
         """Return its response to each heat (W,), in standard errors; 0 where it is weak."""
-        gains, errors = self.steps.responses(heats, self.means[None])
-        votes = gains[0] / errors[0]
+        gains, errors = self.steps.response(heats, self.means)
+        votes = gains / errors
         for index, heat in enumerate(heats):
             votes[index] *= abs(correlation(heat, self.means)) > MIN_HEAT_CORRELATION
         return votes
+
+    def follows(self, heats: np.ndarray) -> bool:
+        """Return whether it clearly responds to one of some heats (W, N)."""
+        return bool((np.abs(self.votes(heats)) > MIN_VOTE).any())
 
 
 class ColumnList(list[Column]):

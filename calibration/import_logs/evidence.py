@@ -66,54 +66,39 @@ class Steps:
         kept = np.exp(-self.step / WIRE_MEMORY)
         return low_pass(np.append(0.0, mean_duty[:-1]), kept)
 
-    def responses(self, heats: np.ndarray, signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how much M signals (M, N) change for a unit of the heat of W wires (W, N).
+    def response(self, heats: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much a signal (N,) changes for a unit of the heat of W wires (W, N).
 
         Returns:
-            gains (M, W), and their standard errors (M, W): infinite for wires without heat.
+            gains (W,), and their standard errors (W,): infinite for wires without heat.
         """
-        gains = np.zeros((len(signals), len(heats)))
-        errors = np.full(gains.shape, np.inf)
-        for row, signal in enumerate(signals):
-            # Find the wires that are heated in the steps in which all signals are present.
-            is_present = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
-            is_heated = np.zeros(len(heats), bool)
-            if is_present.sum() >= MIN_STEPS:
-                is_heated = np.ptp(heats[:, is_present], axis=1) > 1e-9
-            # Fit the gains of the wires that are heated; the others keep 0.
-            if is_heated.any():
-                # The heat that wires and silicone have at first decays.
-                decays = np.exp(-self.times / np.array([[WIRE_MEMORY], [SILICONE_MEMORY]]))
-                causes = np.vstack([heats[is_heated], decays, np.ones(len(signal))])
-                gains[row, is_heated], errors[row, is_heated] = _regression(
-                    causes[:, is_present].T, signal[is_present], int(is_heated.sum())
-                )
+        gains = np.zeros(len(heats))
+        errors = np.full(len(heats), np.inf)
+        is_present = ~np.isnan(np.vstack([heats, signal])).any(axis=0)
+        if is_present.sum() < MIN_STEPS:
+            return gains, errors
+        # The causes (N, C) are the wires' heat, the decay of the heat at first, and a constant.
+        is_heated = np.ptp(heats[:, is_present], axis=1) > 1e-9
+        decays = np.exp(-self.times / np.array([[WIRE_MEMORY], [SILICONE_MEMORY]]))
+        causes = np.vstack([heats[is_heated], decays, np.ones(len(signal))])[:, is_present].T
+        signal = signal[is_present]
+        # Residuals are correlated from step to step: estimate the correlation, and take it out.
+        memory = 0.0
+        for _ in range(3):
+            left_side = causes[1:] - memory * causes[:-1]
+            right_side = signal[1:] - memory * signal[:-1]
+            fitted, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
+            residuals = signal - causes @ fitted
+            memory = min(max(correlation(residuals[1:], residuals[:-1]), 0.0), 0.99)
+        # The scatter of the residuals gives the standard errors.
+        freedom = len(right_side) - len(fitted)
+        if rank == len(fitted) and freedom >= 3:
+            variance = np.sum((right_side - left_side @ fitted) ** 2) / freedom
+            spread = variance * np.diag(np.linalg.inv(left_side.T @ left_side))
+            num_heated = int(is_heated.sum())
+            gains[is_heated] = fitted[:num_heated]
+            errors[is_heated] = np.sqrt(np.maximum(spread[:num_heated], 0.0)) + 1e-12
         return gains, errors
-
-
-def _regression(
-    causes: np.ndarray, signal: np.ndarray, num_heats: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gains (W,) of the first W of C causes of a signal, and their errors (W,).
-
-    Residuals are correlated from step to step: the correlation is estimated, and taken out. The
-    signal (N,) and the causes (N, C) are in N steps; ``num_heats`` is W.
-    """
-    memory = 0.0
-    for _ in range(3):
-        # Take out the share of the residual of the step before.
-        left_side = causes[1:] - memory * causes[:-1]
-        right_side = signal[1:] - memory * signal[:-1]
-        gains, _, rank, _ = np.linalg.lstsq(left_side, right_side, rcond=1e-9)
-        residuals = signal - causes @ gains
-        memory = min(max(correlation(residuals[1:], residuals[:-1]), 0.0), 0.99)
-    # The scatter of the residuals gives the standard errors.
-    freedom = len(right_side) - len(gains)
-    if rank < len(gains) or freedom < 3:
-        return np.zeros(num_heats), np.full(num_heats, np.inf)
-    variance = float(np.sum((right_side - left_side @ gains) ** 2)) / freedom
-    spread = variance * np.diag(np.linalg.inv(left_side.T @ left_side))[:num_heats]
-    return gains[:num_heats], np.sqrt(np.maximum(spread, 0.0)) + 1e-12
 
 
 def margin(
@@ -129,35 +114,29 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
     """Return the thermocouple that each wire clearly warms (W,); None where none is clear.
 
     A wire warms its thermocouple more than others do, and more than the others, by a factor; one
-    of both by `MIN_VOTE` standard errors. Pairs are taken out one by one.
+    of both by `MIN_VOTE` standard errors. Pairs that are clear leave fewer rivals to the others.
 
     Args:
         gains, errors: warming of M thermocouples by W wires, and its standard error (M, W).
     """
     pairs: list[int | None] = [None] * gains.shape[1]
     is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)  # wires without heat warm none
-    while True:
+    for _ in pairs:
         for sensor, wire in np.argwhere(is_open & (gains > MIN_VOTE * errors)):
             # Compare with other thermocouples of the wire, and other wires of the thermocouple.
-            gain = gains[sensor, wire]
-            error = errors[sensor, wire]
-            margins = margin(gain, error, gains, errors)
+            margins = margin(gains[sensor, wire], errors[sensor, wire], gains, errors)
             is_rival = is_open.copy()
             is_rival[sensor, wire] = False
-            of_wire = margins[is_rival[:, wire], wire]
-            of_sensor = margins[sensor, is_rival[sensor]]
-            both = np.append(of_wire, of_sensor)
-            is_certain = not both.size
-            for line in (of_wire, of_sensor):
-                is_certain |= line.size > 0 and bool((line > MIN_VOTE).all())
-            # Take out the pair, and begin again with the open wires and thermocouples.
-            if is_certain and (both > 0.0).all():
+            leads = []
+            for line in (margins[is_rival[:, wire], wire], margins[sensor, is_rival[sensor]]):
+                if line.size:
+                    leads.append(line.min())
+            is_clear = not leads or (min(leads) > 0.0 and max(leads) > MIN_VOTE)
+            if is_open[sensor, wire] and is_clear:
                 pairs[wire] = int(sensor)
                 is_open[sensor] = False
                 is_open[:, wire] = False
-                break
-        else:
-            return pairs
+    return pairs
 
 
 def clear_votes(
@@ -175,9 +154,13 @@ def clear_votes(
     """
     votes = []
     for cause in causes:
-        gains, errors = steps.responses(cause, bends)
-        error = np.linalg.norm(np.where(levers != 0, levers * errors, 0.0), axis=0)
-        votes.append((levers * gains).sum(axis=0) / np.maximum(error, 1e-12))
+        turns = np.zeros(len(cause))
+        variances = np.zeros(len(cause))
+        for bend, lever in zip(bends, levers, strict=True):
+            gains, errors = steps.response(cause, bend)
+            turns += lever * gains
+            variances += np.where(lever != 0, lever * errors, 0.0) ** 2
+        votes.append(turns / np.sqrt(np.maximum(variances, 1e-24)))
     by_heat, by_warmth = votes
     clearer = np.where(np.abs(by_heat) > np.abs(by_warmth), by_heat, by_warmth)
     return np.where(by_heat * by_warmth > 0, clearer, 0.0)

@@ -65,12 +65,9 @@ class ImportedLog:
         Raises:
             LogError: if the log is not as the mapping says.
         """
-        if self.asks:
-            return
-        parts, self.remarks = read_log(self.path, self.limb.mapping, parameters, tables)
-        self.recordings = []
-        while parts:
-            self.recordings.append(Recording(**parts.pop(0)))
+        if not self.asks:
+            log = read_log(self.path, self.limb.mapping, parameters, tables)
+            self.recordings, self.remarks = log
 
 
 def import_logs(

@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import itertools
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from calibration.import_logs.points import link_directions, wrapped
 from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
 from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
+from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import doses
 from limb_systems.limb_parameters import LimbParameters
 
@@ -38,10 +38,8 @@ def read_log(
     mapping: LogMapping,
     parameters: LimbParameters | None = None,
     tables: list[LogTable] | None = None,
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the parts of a log, as arguments of `Recording`, and remarks, in sentences.
-
-    The remarks say what is left out or assumed.
+) -> tuple[list[Recording], list[str]]:
+    """Return the recordings of a log, and remarks on what is left out or assumed, in sentences.
 
     Args:
         path: the file of the log.
@@ -64,17 +62,17 @@ def read_log(
         signals = _Signals(table.only(mapping.columns), mapping, limb, path)
         del table
         # Let gravity act if the name of the file says that it bends the limb.
-        (*_, bend) = signals.readings
         if path.name.startswith(SAG_PREFIX) and not signals.duty.any() and not mapping.bend.e2:
-            limb.gravity = [0.0, GRAVITY * (np.sign(np.nanmedian(bend)) or -1.0), 0.0]
+            side = np.sign(np.nanmedian(signals.readings[-1])) or -1.0
+            limb.gravity = [0.0, GRAVITY * side, 0.0]
             text = "By its name, gravity bends the limb here, to the side of its bend."
             signals.remarks.append(text)
-        parts = signals.parts()
+        recordings = signals.recordings(limb)
     # Say which part of the log each recording is of.
-    for number, part in enumerate(parts, 1):
-        part["parameters"] = limb
-        part["source"] = f"log {path.name}" + (f", part {number}" if len(parts) > 1 else "")
-    return parts, signals.remarks
+    if len(recordings) > 1:
+        for number, recording in enumerate(recordings, 1):
+            recording.source += f", part {number}"
+    return recordings, signals.remarks
 
 
 def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
@@ -120,6 +118,7 @@ class _Signals:
     """
 
     def __init__(self, table: LogTable, mapping: LogMapping, limb: LimbParameters, path: Path):
+        self.source = f"log {path.name}"
         self.remarks: list[str] = []
         if table.odd_rows:
             self.remarks.append(f"{_n_rows(table.odd_rows)} with another number of cells left out.")
@@ -165,8 +164,8 @@ class _Signals:
         for row in self.readings:
             row[:] = _interpolate_slow_sensor(self.times, row)
 
-    def parts(self) -> list[dict[str, Any]]:
-        """Return signals of a `Recording` for each part whose duty is known.
+    def recordings(self, limb: LimbParameters) -> list[Recording]:
+        """Return a recording of the limb for each part whose duty is known.
 
         Raises:
             LogError: if no part is long enough.
@@ -176,25 +175,25 @@ class _Signals:
         if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
             text = f"{count} of {_n_rows(len(times))} lack a reading, which stays empty."
             self.remarks.append(text)
-        cuts = self._cuts_of_long_parts(self._cuts_at_gaps())
+        cuts = self._cuts()
         # Resample each part that is long enough.
-        parts: list[dict[str, Any]] = []
+        recordings = []
         for start, end in itertools.pairwise(cuts):
             is_short = len(cuts) > 2 and times[end - 1] - times[start] < MIN_PART_DURATION
             if end - start < 2 or is_short:
                 where = f"{_n_rows(end - start)} from {times[start]:.0f} s on"
                 self.remarks.append(f"{where} are too few to keep.")
                 continue
-            rows = slice(start, end)
-            part_times = times[rows] - times[start]
-            part = resampled(part_times, self.duty[:, rows], self.readings[:, rows], self.rate)
-            parts.append({**part, "sample_rate": self.rate})
-        if not parts:
+            recordings.append(self._resampled(slice(start, end), limb))
+        if not recordings:
             raise LogError(f"no part of {MIN_PART_DURATION:g} s or more has rows without a gap.")
-        return parts
+        return recordings
 
-    def _cuts_at_gaps(self) -> list[int]:
-        """Return the first row of each part, and the end: a part ends where the duty is unknown."""
+    def _cuts(self) -> list[int]:
+        """Return the first row of each part, and the end.
+
+        A part ends where the duty is unknown, or after `MAX_SAMPLES` samples.
+        """
         # The duty is unknown in gaps in which it changed or was on for long.
         gaps = np.diff(self.times)
         long = np.flatnonzero(gaps > clock.MIN_GAP)
@@ -210,25 +209,51 @@ class _Signals:
         if len(kept_gaps := gaps[long[~is_unknown]]):
             text = f"{len(kept_gaps)} gaps of over {clock.MIN_GAP:g} s, the longest of"
             self.remarks.append(f"{text} {kept_gaps.max():.1f} s.")
-        return [0, *(cut + 1).tolist(), len(self.times)]
+        # Cut parts that are too long.
+        starts = [0]
+        for end in [*(cut + 1).tolist(), len(self.times)]:
+            while (self.times[end - 1] - self.times[starts[-1]]) * self.rate > MAX_SAMPLES:
+                last_time = self.times[starts[-1]] + MAX_SAMPLES / self.rate
+                starts.append(int(np.searchsorted(self.times, last_time)))
+            starts.append(end)
+        if len(starts) > len(cut) + 2:
+            self.remarks.append(f"Cut so that no part has more than {MAX_SAMPLES} samples.")
+        return starts
 
-    def _cuts_of_long_parts(self, cuts: list[int]) -> list[int]:
-        """Return the cuts, and further ones where wires are coldest, if a part is too long."""
-        times = self.times
-        # Cut in the second half of the longest part, where wires were off the longest.
-        short = [0]
-        last_heated = np.maximum.accumulate(np.where(self.duty.any(axis=0), times, times[0]))
-        for cut in cuts[1:]:
-            while (times[cut - 1] - times[short[-1]]) * self.rate > MAX_SAMPLES:
-                middle_and_end = times[short[-1]] + MAX_SAMPLES / self.rate * np.array([0.5, 1])
-                first, last = np.searchsorted(times, middle_and_end)
-                off = times[first:last] - last_heated[first:last]
-                short.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
-            short.append(cut)
-        if len(short) > len(cuts):
-            text = "Cut where wires were off the longest, so that no part has more than"
-            self.remarks.append(f"{text} {MAX_SAMPLES} samples.")
-        return short
+    def _resampled(self, rows: slice, limb: LimbParameters) -> Recording:
+        """Return a recording of some rows, in even steps.
+
+        A row's duty is in force until the next row. Each sample has the readings of the last row
+        before it and their age, and the mean duty since the sample before, which keeps the heat of
+        the log; its applied duty is the mean between the rows.
+        """
+        times = self.times[rows] - self.times[rows.start]
+        duty = self.duty[:, rows]
+        # Each sample has the last row before it, unless the row is stale.
+        grid = np.arange(int(np.floor(times[-1] * self.rate + 1e-6)) + 1) / self.rate
+        row = np.searchsorted(times, grid + 1e-6, side="right") - 1
+        age = np.maximum(grid - times[row], 0.0)
+        is_fresh = age <= max(STALE_PERIODS / self.rate, STALE_SECONDS)
+        readings = np.where(is_fresh, self.readings[:, rows][:, row], np.nan)
+        # The applied duty is the mean from one used row to the next.
+        used_rows, index = np.unique(row, return_inverse=True)
+        return Recording(
+            time=grid,
+            duty=_mean_duty(times, duty, grid),
+            measured_temperature=readings[: len(duty)],
+            bend_angle=readings[len(duty) :],
+            applied_duty=_mean_duty(times, duty, times[used_rows])[:, index],
+            sample_age=age,
+            sample_rate=self.rate,
+            parameters=limb,
+            source=self.source,
+        )
+
+
+def _mean_duty(times: np.ndarray, duty: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return mean duty between some ends, and before the first of them the first row's."""
+    later_means = doses(duty[:, :-1], times, ends) / np.diff(ends)
+    return np.clip(np.column_stack([duty[:, 0], later_means]), 0.0, 1.0)
 
 
 def _n_rows(count: int) -> str:
@@ -347,13 +372,13 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     if bend.line:
         angles = _angle_of_line(table, mapping)[None]
     else:
+        angles = np.empty((2 if bend.e3 else 1, table.values.shape[1]))
         with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
-            values = _numbers(table, bend.column or bend.e2, mapping)[None]
-            angles = (values - bend.zero) * bend.scale
+            numbers = _numbers(table, bend.column or bend.e2, mapping)
+            angles[0] = (numbers - bend.zero) * bend.scale
             if bend.e3:
-                values_e3 = _numbers(table, bend.e3, mapping)
-                angles_e3 = (values_e3 - bend.zero_e3) * (bend.scale_e3 or bend.scale)
-                angles = np.vstack([angles, angles_e3])
+                numbers = _numbers(table, bend.e3, mapping)
+                angles[1] = (numbers - bend.zero_e3) * (bend.scale_e3 or bend.scale)
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
     # Leave out what no limb does, if it is little.
@@ -382,36 +407,3 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
         turn = wrapped(links[-1] - links[0])  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
     return wrapped(angle - bend.zero) * bend.scale
-
-
-def resampled(
-    times: np.ndarray, duty: np.ndarray, readings: np.ndarray, rate: float
-) -> dict[str, Any]:
-    """Return the signals of a `Recording` in even steps; arguments are as in `_Signals`.
-
-    A row's duty is in force until the next row. Each sample has the readings of the last row
-    before it and their age, and the mean duty since the sample before, which keeps the heat of
-    the log; its applied duty is the mean between the rows.
-    """
-    # Each sample has the last row before it, unless the row is stale.
-    grid = np.arange(int(np.floor(times[-1] * rate + 1e-6)) + 1) / rate
-    row = np.searchsorted(times, grid + 1e-6, side="right") - 1
-    age = np.maximum(grid - times[row], 0.0)
-    is_fresh = age <= max(STALE_PERIODS / rate, STALE_SECONDS)
-    readings = np.where(is_fresh, readings[:, row], np.nan)
-
-    def means(ends: np.ndarray) -> np.ndarray:
-        """Return mean duty between times, and before the first of them the first row's."""
-        later_means = doses(duty[:, :-1], times, ends) / np.diff(ends)
-        return np.clip(np.column_stack([duty[:, 0], later_means]), 0.0, 1.0)
-
-    # The applied duty is the mean from one used row to the next.
-    used_rows, index = np.unique(row, return_inverse=True)
-    return {
-        "time": grid,
-        "duty": means(grid),
-        "measured_temperature": readings[: len(duty)],
-        "bend_angle": readings[len(duty) :],
-        "applied_duty": means(times[used_rows])[:, index],
-        "sample_age": age,
-    }

@@ -7,19 +7,18 @@ Where names say nothing, numbers decide with a margin.
 import dataclasses
 import functools
 import itertools
-import operator
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from calibration.import_logs import clock, evidence, mapping, words
 from calibration.import_logs.columns import MAX_DUTY, Column, ColumnList, read_columns
-from calibration.import_logs.evidence import MIN_VOTE, Steps, correlation
+from calibration.import_logs.evidence import MIN_VOTE, Steps
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
 from calibration.import_logs.points import base_direction, is_clamped_at_first_point
-from calibration.import_logs.table import LogError, LogTable
+from calibration.import_logs.table import LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
@@ -35,15 +34,13 @@ MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
-MIN_COOLING_STEPS = 6  # steps without heat that show whether a wire cools
-SLOWEST_COOLING = 50.0  # s, in which a hot wire loses two thirds of its heat at least
 MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
-CONTRADICTIONS = ("inverted", "mixed units", "named thermocouple", "named unit")  # questions
+CONTRADICTIONS = ("inverted", "mixed units", "named unit")  # questions
 DEGREES_PER_UNIT = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "mdeg": 1e-3}
 
 
@@ -107,12 +104,11 @@ class Columns:
     ):
         self.table = table
         self.limb = limb or LimbParameters()
-        self.has_sides = self.limb.wire_names == [LEFT, RIGHT]
         self.hint = "" if limb else " Describe a limb of other wires or axes with -l"
         self.dictionary = dictionary
         self.questions: list[Question] = []
         self.notes: list[str] = []
-        self.free = ColumnList()  # the columns whose signal is not known yet
+        self.free = ColumnList()  # columns whose signal is not known yet
         self.duties = ColumnList()
         self.temperatures = ColumnList()
         self.wires: list[WireColumns] = []  # the first ones have the duties
@@ -128,11 +124,8 @@ class Columns:
             what = f"the frames in {self.time.column}" if self.time.column else "the rows"
             self.ask("rate", "rate", ["10.0"], what=what)
         # To see what follows what, rows without a time come at any rate.
-        try:
-            self.times, self.rows, _ = clock.times_of(table, self.time, 10.0)
-        except LogError:
-            self.times = 0.1 * np.arange(table.values.shape[1])
-            self.rows = slice(None)
+        known_time = mapping.TimeColumn() if self.time.unit == UNKNOWN else self.time
+        self.times, self.rows, _ = clock.times_of(table, known_time, 10.0)
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
         is_time = (self.time.column, self.time.fraction).__contains__
@@ -142,8 +135,8 @@ class Columns:
 
     @functools.cached_property
     def heats(self) -> np.ndarray:
-        """The heat of each wire that has a duty (W, N)."""
-        heats = np.zeros((len(self.duties), len(self.steps.times)))
+        """The heat of each wire (W, N); 0 if no duty is known."""
+        heats = np.zeros((len(self.wires), len(self.steps.times)))
         for index, duty in enumerate(self.duties):
             heats[index] = duty.heat(self.wires[index].sign)
         return heats
@@ -182,45 +175,38 @@ class Columns:
             name, log_mapping, lines + self.notes, self.questions, is_heated, self.table.names
         )
 
-    def _of_role(self, role: str) -> ColumnList:
-        """Return the columns whose names say this role, and that are measured."""
-        return self.columns.having("name.role", role).having("name.is_measured", True)
-
     def _unnamed(self) -> ColumnList:
         """Return free columns that move, and whose names say no signal."""
-        return self._of_role("").moving.where(self.free.__contains__)
+        unnamed = self.columns.having("name.role", "").having("name.is_measured", True)
+        return unnamed.moving.where(self.free.__contains__)
 
-    def _like_columns(self, role: str, unnamed: ColumnList, likely: ColumnList) -> ColumnList:
-        """Return the columns that are alike and of a role by their numbers; else ask for it."""
-        stems = set(likely.each("name.stem"))
-        similar = unnamed.where(lambda c: c.name.stem in stems)
-        if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
-            return likely
-        if stems:
-            wires = self.limb.wire_names if role == DUTY else ["heated"]
-            for index, wire in enumerate(wires):
-                self.ask("like columns", f"wires[{index}].{role}", similar, role=role, wire=wire)
-        return ColumnList()
+    def _find(self, role: str, is_likely: Callable[[Column], object]) -> ColumnList:
+        """Return the columns whose names say a role; else like columns whose numbers all say it."""
+        found = self.columns.having("name.role", role)
+        if not found:
+            unnamed = self._unnamed().having("is_number", True)
+            likely = unnamed.where(is_likely)
+            stems = set(likely.each("name.stem"))
+            similar = unnamed.where(lambda column: column.name.stem in stems)
+            if len(stems) == 1 and (len(similar) == len(likely) or not self.table.has_names):
+                found = likely
+        return found
 
     # Duty.
 
     def find_duties(self) -> None:
         """Find the duties, left before right, and a wire for each; two for a duty with a sign."""
         # Keep the columns whose names say it best; without names, columns that others follow.
-        candidates = self._of_role(DUTY)
-        if not candidates:
-            unnamed = self._unnamed().having("is_number", True)
-            likely = unnamed.where(lambda c: c.looks_like_heat and self._is_followed(c))
-            candidates = self._like_columns(DUTY, unnamed, likely)
+        candidates = self._find(DUTY, lambda c: c.looks_like_heat and self._is_followed(c))
         best = min(candidates.each("name.rank"), default=0)
         self.duties = candidates.having("name.rank", best)
         self.duties.sort(key=lambda column: column.name.order)
         self.free = self.free.without(self.duties)
         if not self.duties:
-            if "wires[0].duty" not in [question.field for question in self.questions]:
-                likely = self.columns.having("looks_like_heat", True)
-                self.ask("no duty", "wires[0].duty", likely)
-            self.wires = [WireColumns(name, UNKNOWN) for name in self.limb.wire_names]
+            likely = self.columns.having("looks_like_heat", True)
+            for index, wire_name in enumerate(self.limb.wire_names):
+                self.wires.append(WireColumns(wire_name, UNKNOWN))
+                self.ask("no duty", f"wires[{index}].duty", likely, wire=wire_name)
             return
         # Numbers with a sign heat two wires.
         signs = [1.0]
@@ -242,7 +228,7 @@ class Columns:
         heat = duty.heat()[None]
         for column in self.columns.moving.without([duty]):
             is_cause = column.name.role == DUTY or column.looks_like_heat
-            if not is_cause and abs(column.votes(heat)[0]) > MIN_VOTE:
+            if not is_cause and column.follows(heat):
                 return True
         return False
 
@@ -289,40 +275,28 @@ class Columns:
 
     def find_temperatures(self) -> None:
         """Find the thermocouples; columns of one stem whose names say nothing must be warmed."""
-        named = self._of_role(TEMPERATURE)
-        self.temperatures = named.where(lambda c: c.name.quantity != "counts")
-        if not self.temperatures and self.duties:
-            unnamed = self._unnamed().having("name.quantity", "")
-            warmed = unnamed.where(self._is_warmed)
-            self.temperatures = self._like_columns(TEMPERATURE, unnamed, warmed)
+        found = self._find(TEMPERATURE, self._is_warmed)
+        self.temperatures = found.where(lambda column: column.name.quantity != "counts")
         self.free = self.free.without(self.temperatures)
 
     def _is_warmed(self, column: Column) -> bool:
         """Return whether a column may be a temperature, which a duty raises and none lowers."""
-        if not -10.0 < column.low < 320.0 or column.present.max() > 620.0:
-            return False
         votes = column.votes(self.heats)
-        return bool(votes.max() > MIN_VOTE and votes.min() > -MIN_VOTE)
+        is_warmed = votes.max(initial=0.0) > MIN_VOTE and votes.min() > -MIN_VOTE
+        return bool(is_warmed and column.low > -10.0 and column.present.max() < 620.0)
 
     def pair_wires_with_thermocouples(self) -> None:
         """Give wires their thermocouples, by names, else by what clearly warms what."""
-        if not self.duties:
-            # Names alone decide, as no heat is known.
-            for index, wire in enumerate(self.wires):
-                label = Name(wire.name, self.dictionary).label
-                named = self.temperatures.having("name.label", label)
-                if len(named) == 1:
-                    wire.temperature = named[0].text
-                elif self.temperatures:
-                    self._ask_temperature(index, self.temperatures)
-            return
         # Find the thermocouples that clearly warm with each wire.
         unpaired = ColumnList(self.temperatures)
-        signals = np.array(unpaired.each("means"))
-        warming, errors = self.steps.responses(self.heats, signals)
+        warming = np.zeros((len(unpaired), len(self.wires)))
+        errors = np.zeros_like(warming)
+        for row, column in enumerate(unpaired):
+            warming[row], errors[row] = self.steps.response(self.heats, column.means)
         warmed_rows = evidence.clear_pairs(warming, errors)
         # Numbers and letters are names if duties and thermocouples have the same ones.
         labels = self.duties.each("name.label")
+        labels = labels or [Name(wire.name, self.dictionary).label for wire in self.wires]
         sensor_labels = self.temperatures.each("name.label")
         are_same = len(set(labels)) == len(labels) and sorted(labels) == sorted(sensor_labels)
         # Names decide, if heat does not contradict them; else heat does.
@@ -330,8 +304,8 @@ class Columns:
         for index, wire in enumerate(self.wires):
             label = wire.name if wire.name in SIDES else labels[index] if are_same else ""
             named = self.temperatures.labelled(label)
-            row = warmed_rows[index]
-            warmed = None if row is None else self.temperatures[row]
+            warmed_row = warmed_rows[index]
+            warmed = None if warmed_row is None else self.temperatures[warmed_row]
             reason = ""
             if len(named) > 1:
                 reason = f"Several have the name of {wire.name}"
@@ -359,7 +333,6 @@ class Columns:
             candidates = unpaired.where(functools.partial(self._may_have, self.wires[index]))
             if candidates:
                 self._ask_temperature(index, candidates)
-        self._name_by_thermocouples()
         # Ask about thermocouples without a wire.
         asked = set(itertools.chain(*(question.choices for question in self.questions)))
         for column in unpaired:
@@ -368,21 +341,6 @@ class Columns:
                 wire = WireColumns(UNKNOWN, UNKNOWN, temperature=column.text, unit=UNKNOWN)
                 self.wires.append(wire)
                 self.ask("no wire", field, ["''", "none"], column=column.text)
-
-    def _name_by_thermocouples(self) -> None:
-        """Give wires without a side in their names the side of their thermocouples' names."""
-        side_of_column = dict(
-            zip(self.temperatures.each("text"), self.temperatures.each("name.side"), strict=True)
-        )
-        sides = [side_of_column.get(wire.temperature, "") for wire in self.wires]
-        is_clear = self.has_sides and sides.count(LEFT) < 2 and sides.count(RIGHT) < 2
-        if not is_clear or any(wire.name != UNKNOWN for wire in self.wires):
-            return
-        # Of two wires, the other one is on the other side.
-        if len(sides) == 2 and "" in sides and any(sides):
-            sides[sides.index("")] = LEFT if RIGHT in sides else RIGHT
-        for wire, side in zip(self.wires, sides, strict=True):
-            wire.name = side or UNKNOWN
 
     def _may_have(self, wire: WireColumns, column: Column) -> bool:
         """Return whether a thermocouple's name does not say that it is of another wire."""
@@ -394,12 +352,13 @@ class Columns:
         units = set(ColumnList(choices).each("name.unit"))
         is_known = len(units) == 1 and units <= set(mapping.TEMPERATURE_UNITS)
         wire.unit = units.pop() if is_known else UNKNOWN
-        kind = "named thermocouple" if contradiction else "thermocouple"
-        field = f"wires[{index}].temperature"
         heated_wire = f"wire that {wire.duty} heats"
         if wire.duty == UNKNOWN:
             heated_wire = f"{wire.name} wire"
-        self.ask(kind, field, dict.fromkeys(choices), wire=heated_wire, reason=contradiction)
+        reason = contradiction or "Neither names nor heat tell"
+        field = f"wires[{index}].temperature"
+        self.ask("thermocouple", field, dict.fromkeys(choices), wire=heated_wire, reason=reason)
+        self.questions[-1].is_contradiction = bool(contradiction)
 
     def find_units(self) -> None:
         """Give thermocouples the unit in their names if it can be, else the only possible one."""
@@ -435,32 +394,13 @@ class Columns:
             is_possible &= not is_at_rest or ROOM_RANGE[0] < first < ROOM_RANGE[1]
             if is_possible:
                 possible.append(unit)
-        is_clear = len(possible) == 1 and (bool(named) or is_at_rest or possible != ["F"])
-        return possible[0] if is_clear and self._are_in_one_room(sensors, possible[0]) else UNKNOWN
-
-    def _are_in_one_room(self, sensors: ColumnList, unit: str) -> bool:
-        """Return whether readings may be true temperatures in one room, without offsets.
-
-        Thermocouples then become as cold as each other, and in a long log as cold as a room. In a
-        short log a wire may stay warmer, if it is warm at first and cools until it is heated.
-        """
-        moving = sensors.moving
-        if not moving:
-            return True
-        factor, offset = mapping.TEMPERATURE_UNITS[unit]
-        coldest = np.array(moving.each("lowest"))
-        are_alike = bool(factor * np.ptp(coldest) < MIN_OFFSET)
-        if self.is_long:
-            return are_alike and bool(factor * coldest.max() + offset <= ROOM_RANGE[1])
-        warmest = moving[int(coldest.argmax())]
-        lead = warmest.means[0] - min(moving.each("first"))
-        num_steps = int(np.argmax(self.heats.any(axis=0))) if self.heats.any() else 0
-        if are_alike or num_steps < MIN_COOLING_STEPS or factor * lead < MIN_OFFSET:
-            return are_alike
-        # From the middle of one half to the middle of the other it cools, at its slowest.
-        first_half, second_half = np.array_split(warmest.means[:num_steps], 2)
-        cooling = lead * num_steps * self.steps.step / 2 / SLOWEST_COOLING
-        return bool(np.nanmean(first_half) - np.nanmean(second_half) >= cooling)
+        if len(possible) != 1 or not (named or is_at_rest or possible != ["F"]):
+            return UNKNOWN
+        # Without an offset, thermocouples become as cold as each other; in a long log, as a room.
+        factor, offset = mapping.TEMPERATURE_UNITS[possible[0]]
+        coldest = np.array(sensors.moving.each("lowest") or firsts[:1])
+        is_in_room = not self.is_long or factor * coldest.max() + offset <= ROOM_RANGE[1]
+        return possible[0] if is_in_room and factor * np.ptp(coldest) < MIN_OFFSET else UNKNOWN
 
     # The bend.
 
@@ -470,7 +410,7 @@ class Columns:
         coordinates = self._points()
         places = set(coordinates.each("name.place"))
         of_points = self.columns.where(lambda c: c.name.axis and c.name.place in places)
-        candidates = self._of_role(BEND).moving.without(of_points)
+        candidates = self.columns.having("name.role", BEND).moving.without(of_points)
         self.free = self.free.without([*of_points, *candidates])
         if coordinates and not candidates:
             return self._line(coordinates)
@@ -483,22 +423,15 @@ class Columns:
         # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
-            numbers = unnamed.having("is_number", True)
-            candidates = numbers.where(self._is_bent)
-            if len(numbers) == 1 and not self.duties:
-                candidates = numbers
+            likely = unnamed.where(lambda column: column.follows(self.heats))
+            candidates = likely.having("is_number", True)
             if not candidates:
-                likely = unnamed.where(self._is_bent)
                 self.ask("no bend", "bend.column", likely)
                 return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
         if len(candidates) > 1:
             self.ask("bend", "bend.column", candidates)
             return BendColumns(UNKNOWN)
         return self._bend_column(candidates[0])
-
-    def _is_bent(self, column: Column) -> bool:
-        """Return whether a column clearly follows the heat of a wire."""
-        return bool((np.abs(column.votes(self.heats)) > MIN_VOTE).any())
 
     def _points(self) -> ColumnList:
         """Return x and y of each point in a picture, in turn; none if there is one point only."""
@@ -574,43 +507,50 @@ class Columns:
         """
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
-        names = list(map(operator.attrgetter("name"), wires))
+        if not wires:
+            return
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array(self.duties.each("top"))
-        full = log_mapping.full or max(tops, default=1)
+        full = log_mapping.full or max(tops)
         doses = self.heats.sum(axis=1) * self.steps.step * tops / full
-        is_heated = doses > (MIN_HEATED_TIME if max(doses, default=0.0) > MIN_HEATED_TIME else 0.0)
-        is_nameless = names in ([UNKNOWN], 2 * [UNKNOWN]) and self.has_sides
-        sides = np.array([])  # of the wires, as -1 and 1, if they have no names
-        if wires and not is_heated.any():
+        is_heated = doses > (MIN_HEATED_TIME if max(doses) > MIN_HEATED_TIME else 0.0)
+        # Wires without a side have the side of their thermocouples' names. If these have none,
+        # begin with left and right; the bend tells whether they have to be exchanged.
+        has_sides = self.limb.wire_names == [LEFT, RIGHT]
+        is_unnamed = has_sides and all(wire.name == UNKNOWN for wire in wires)
+        sides = []
+        for wire in wires:
+            sides += self.temperatures.having("text", wire.temperature).each("name.side")
+        is_nameless = is_unnamed and not any(sides) and len(wires) < 3
+        if is_nameless:
+            sides = list(SIDES[: len(wires)])
+        if is_unnamed and all(sides) and len(set(sides)) == len(wires):
+            for wire, side in zip(wires, sides, strict=True):
+                wire.name = side
+        is_clear = True
+        if not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
-            sides = np.array([-1.0, 1.0])[: len(wires)]
-        elif wires and bend.scale and UNKNOWN not in bend.columns:
-            votes = self._bend_votes(log_mapping)
-            heated_votes = votes[is_heated]
-            if is_nameless:
-                # A wire that was not heated is on the other side.
-                sides = np.sign(np.where(is_heated, votes, -heated_votes.sum()))
-                is_clear = bool((np.abs(heated_votes) > MIN_VOTE).all())
-                is_clear &= len(set(sides)) == len(sides)
-                sign = 1.0
-            else:
-                sign = float(np.sign(heated_votes.sum()))
-                is_clear = bool((sign * heated_votes > MIN_VOTE).all())
-            if is_clear and not self.is_inverted:
-                bend.scale *= sign
-                bend.scale_e3 *= sign
-            else:
-                sides = np.array([])
+        elif not bend.scale or UNKNOWN in bend.columns:
+            is_clear = False
+        else:
+            votes = self._bend_votes(log_mapping)[is_heated]
+            sign = float(np.sign(votes.sum()))
+            is_clear = bool((sign * votes > MIN_VOTE).all()) and not self.is_inverted
+            if not is_clear:
                 choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
                 self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
                 bend.scale = 0.0
-        # Name wires by their sides, or ask.
+            elif not is_nameless:
+                bend.scale *= sign
+                bend.scale_e3 *= sign
+            elif sign < 0:
+                for wire in wires:
+                    wire.name = LEFT if wire.name == RIGHT else RIGHT
+        # Ask for names that nothing tells.
         is_signed = len(set(self.duties)) < len(wires)
         for index, wire in enumerate(wires):
-            if is_nameless and len(sides):
-                wire.name = RIGHT if sides[index] > 0 else LEFT
-            elif wire.name == UNKNOWN:
+            if wire.name == UNKNOWN or (is_nameless and not is_clear):
+                wire.name = UNKNOWN
                 sign_text = "positive numbers of " if wire.sign > 0 else "negative numbers of "
                 duty = f"{sign_text if is_signed else ''}{wire.duty}"
                 self.ask("wire", f"wires[{index}].name", self.limb.wire_names, duty=duty)
@@ -627,9 +567,8 @@ class Columns:
         for index, wire in enumerate(log_mapping.wires[: len(self.heats)]):
             if wire.name in lever_of_wire:
                 levers[:, index] = lever_of_wire[wire.name][: len(rows)]
-            for column in self.temperatures:
-                if column.text == wire.temperature and column.span:
-                    warmth[index] = column.means
+            for sensor in self.temperatures.moving.having("text", wire.temperature):
+                warmth[index] = sensor.means
         return evidence.clear_votes(self.steps, [self.heats, warmth], bends, levers)
 
     # What is left over.
@@ -645,7 +584,7 @@ class Columns:
             # Heat that duties do not explain is of another wire.
             is_duty = name.role == DUTY
             if column.looks_like_heat or is_duty:
-                if not self._is_explained(column) and (is_duty or self._is_followed(column)):
+                if is_duty or self._is_followed(column):
                     what = f" is a {name.quantity}, but" if name.quantity else ""
                     field = f"wires[{len(self.wires)}].name"
                     choices = [*self.limb.wire_names, "none"]
@@ -654,16 +593,8 @@ class Columns:
             elif bare and name.role in ("", TEMPERATURE):
                 votes = column.votes(self.heats[bare])
                 index = bare[int(votes.argmax())]
-                if votes.max() > MIN_VOTE and correlation(self.heats[index], column.means) > 0.6:
+                if votes.max() > MIN_VOTE:
                     self._ask_temperature(index, [column])
-
-    def _is_explained(self, column: Column) -> bool:
-        """Return whether a column shows no more than the duties, as a current or a sum does."""
-        rows = [evidence.forward_fill(duty.means) for duty in dict.fromkeys(self.duties)]
-        causes = np.vstack([*rows, np.ones(len(column.means))]).T
-        values = evidence.forward_fill(column.means)
-        left = values - causes @ np.linalg.lstsq(causes, values, rcond=None)[0]
-        return bool(rows) and bool(left.std() < 0.3 * values.std())
 
 
 def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary) -> Proposal:

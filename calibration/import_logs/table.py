@@ -59,7 +59,7 @@ class LogTable:
     - ``form``: ``delimiter``, one of `DELIMITERS`; ``decimal``, the decimal mark; ``names_line``,
       the number of the line of names, from 1, or 0 if there is none.
     - ``has_names``: whether columns have names, in a line or in each cell.
-    - ``odd_rows``: number of rows with another number of cells, which were left out.
+    - ``odd_rows``: number of rows left out, which have another number of cells.
     """
 
     names: list[str]
@@ -84,9 +84,8 @@ class LogTable:
         if all(is_kept) or not names <= {*self.names}:  # some are given by number
             return self
         kept_names = list(itertools.compress(self.names, is_kept))
-        kept_units = list(itertools.compress(self.units, is_kept))
-        values = self.values[is_kept]
-        return dataclasses.replace(self, names=kept_names, units=kept_units, values=values)
+        units = list(itertools.compress(self.units, is_kept))
+        return dataclasses.replace(self, names=kept_names, units=units, values=self.values[is_kept])
 
     def rows(self, which: np.ndarray | slice) -> "LogTable":
         """Return the table with some of its rows, or with its rows in another order."""
@@ -227,31 +226,30 @@ class _Form:
 
     def names(self, row: list[str]) -> list[str]:
         """Return the names of the columns, as many as the head has, above the first row."""
-        time_name = ["time"] if self.is_stamped else [""]
+        time_name = "time" if self.is_stamped else ""
         if self.labels:
-            return [*filter(None, time_name), *self.labels]
+            return [*filter(None, [time_name]), *self.labels]
         if not self.names_line:
-            return [*time_name, *[""] * (self.width - 1)]
+            return [time_name, *[""] * (self.width - 1)]
         names = [name.lstrip("#% ").strip("\"'") for name in self.head[self.names_line - 1]]
         # The line may have begun with a "#", rows may end with a delimiter or begin with a date.
         begins_plain = bool(re.fullmatch(r"[-+]?\d*[.,]?\d+", row[0]))
         if len(names) > len(row):
             names = list(filter(None, names))
         elif len(names) == len(row) - 1 and not row[-1]:
-            names = [*names, ""]
+            names.append("")
         elif len(names) == len(row) - 1 and (self.delimiter == "space" or not begins_plain):
-            names = [*time_name, *names]
+            names.insert(0, time_name)
         if self.is_stamped and is_time(names[0]):
-            names[0] = "time"
+            names[0] = time_name
         # Names that are there twice, such as X and Y of points, begin with what a row above says.
-        counts = Counter(filter(None, names))
+        counts = Counter(names)
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
-        for row_above in above if max(counts.values(), default=0) > 1 else ():
-            joined = list(names)
-            for index, name in enumerate(names):
-                if counts[name] != 1:
-                    joined[index] = f"{row_above[index]} {name}".strip()
+        for row_above in above:
+            joined = []
+            for name, cell in zip(names, row_above, strict=True):
+                joined.append(f"{cell} {name}".strip() if counts[name] > 1 else name)
             if max(Counter(filter(None, joined)).values()) == 1:
                 return joined
         return names

@@ -123,7 +123,10 @@ class Name:
     - ``says``: what its words say, as keys of `WORDS`.
     - ``stem``: its words without side, number and unit: like columns have one stem.
     - ``label``: "left" or "right", else the number or letter of the wire, if any.
+    - ``side``: the label if it is "left" or "right"; else empty.
+    - ``order``: place of its wire among others: left, right, then by numbers or letters.
     - ``axis``: "x", "y" or "z"; empty if it has none.
+    - ``place``: the point that it is a coordinate of.
     - ``unit``: its unit as mappings have it; empty if it has none.
     - ``quantity``: physical quantity by its unit, else by its words; empty if they say none.
     - ``role``: `DUTY`, `TEMPERATURE`, `BEND`, `TIME` or `FRAME`; empty if its words say none.
@@ -156,10 +159,13 @@ class Name:
             if side in self.says and not (numbers and self.words in (["l"], ["r"])):
                 self.label = side
                 label_words = [*numbers, *dictionary.words[side]]
+        self.side = self.label if self.label in SIDES else ""
+        self.order = (not self.side, self.label.zfill(3) if self.label.isdigit() else self.label)
         # What is left is the stem.
         axes = list(filter(AXES.__contains__, self.words))[-1:]
         self.axis = "".join(axes)
         self.stem = tuple(itertools.filterfalse([*label_words, *axes].__contains__, tokens))
+        self.place = (self.stem, self.label)
         # Find what the column is.
         self.quantity = unit_quantity or self._quantity_of_words()
         self.is_measured = "not measured" not in self.says
@@ -196,21 +202,6 @@ class Name:
         if BEND not in roles and (DUTY in roles or (quantity == "share" and not roles)):
             return DUTY if quantity in ("", "share", "counts", "power") else ""
         return roles.pop() if roles in ({TIME}, {FRAME}) and not quantity else ""
-
-    @property
-    def side(self) -> str:
-        """The side that the name says, "left" or "right"; empty if it says none."""
-        return self.label if self.label in SIDES else ""
-
-    @property
-    def place(self) -> tuple[tuple[str, ...], str]:
-        """The point that it is a coordinate of."""
-        return self.stem, self.label
-
-    @property
-    def order(self) -> tuple[bool, str]:
-        """The place of its wire among others: left, right, then by numbers or letters."""
-        return not self.side, self.label.zfill(3) if self.label.isdigit() else self.label
 
 
 def _without_unit(text: str, column_names: Collection[str]) -> tuple[str, str]:

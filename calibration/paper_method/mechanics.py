@@ -92,12 +92,12 @@ class StiffnessFit:
     def factor_in_words(self) -> str:
         """λ, and what it is by the chord, as in the paper, if the sensor shows another angle."""
         text = f"λ = {self.correction_factor:.3f}"
-        if abs(self.chord_factor / self.correction_factor - 1) < 0.02:
-            return text
-        return (
-            f"{text} of the bend that the sensor shows; of the chord's angle, as in the paper, the "
-            f"same sag has {self.chord_factor:.2f}"
-        )
+        if abs(self.chord_factor / self.correction_factor - 1) >= 0.02:
+            text += (
+                " of the bend that the sensor shows; of the chord's angle, as in the paper, the "
+                f"same sag has {self.chord_factor:.2f}"
+            )
+        return text
 
 
 def shape_factors(links: int, load: float = 0.0) -> np.ndarray:
@@ -175,9 +175,6 @@ def fit_stiffness(
     """
     if not recordings:
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
-    for recording in recordings:
-        recording.check_plausible()
-    recordings = [select_samples(recording, ~recording.missing) for recording in recordings]
     # Read the sags, all by one sensor.
     sags = np.array([_resting_angle(recording) for recording in recordings])
     sensor = bend_sensor_of(recordings[0])
@@ -200,14 +197,13 @@ def fit_stiffness(
             "in the description, and at what the bend sensor reads while the limb is straight."
         )
     # Say what is missing.
-    remarks = []
+    remarks = remarks_on_estimate("the stiffness", estimate)
     if len(sags) < 3:
         sentence = (
             f"Only {len(sags)} trial{'s' * (len(sags) > 1)} of the sag: mounting and sensor differ "
             "by about 2° from trial to trial, so record ten."
         )
         remarks.append(Remark("few", sentence))
-    remarks += remarks_on_estimate("the stiffness", estimate)
     # Compute λ of eqn (9) from the fitted equilibrium.
     sagging_angles = _sag_of(limbs[0], sensor, stiffness, rest)[1]
     segment = only_segment(limbs[0])
@@ -275,28 +271,26 @@ def _mounted(
     parameters: LimbParameters, gravity: Sequence[float], payload: float
 ) -> LimbParameters:
     """Return a limb as it is mounted under gravity (3,), m/s², with a payload at its tip, kg."""
-    mounted = copy.deepcopy(parameters)
-    mounted.gravity = list(gravity)
-    mounted.payload = payload
-    return mounted
+    return dataclasses.replace(copy.deepcopy(parameters), gravity=list(gravity), payload=payload)
 
 
 def _sag_of(
-    mounted: LimbParameters, sensor: BendSensor, stiffness: float, rest: float | None = None
+    mounted: LimbParameters, sensor: BendSensor, stiffness: float, rest: float
 ) -> tuple[float, np.ndarray]:
     """Return what a sensor shows of a limb at rest, rad, and its joint angles (n,)."""
     limb = copy.deepcopy(mounted)
     segment = only_segment(limb)
     segment.stiffness = stiffness
-    segment.rest_angle = segment.rest_angle if rest is None else rest
+    segment.rest_angle = rest
     joint_angles, _ = static_equilibrium(limb)
     return float(sensor.apparent_bends(segment.chain, joint_angles)[0]), joint_angles
 
 
 def _compliance(mounted: LimbParameters, sensor: BendSensor) -> float:
     """Return sag times k of a limb that is almost rigid, as a sensor shows it, N·m."""
-    rigid = RIGID_STIFFNESS_RATIO * only_segment(mounted).stiffness
-    stiff_sag, _ = _sag_of(mounted, sensor, rigid)
+    segment = only_segment(mounted)
+    rigid = RIGID_STIFFNESS_RATIO * segment.stiffness
+    stiff_sag, _ = _sag_of(mounted, sensor, rigid, segment.rest_angle)
     return rigid * (stiff_sag - _rest_reading(mounted, sensor))
 
 
@@ -308,14 +302,15 @@ def _rest_reading(limb: LimbParameters, sensor: BendSensor) -> float:
 
 def _resting_angle(recording: Recording) -> float:
     """Return the mean bend angle over the end of a recording, rad."""
+    recording.check_plausible()
+    recording = select_samples(recording, ~recording.missing)
     is_end = recording.time >= recording.time[-1] - RESTING_TIME
     angle = recording.bend_angle[0, is_end]
     first, second = np.array_split(angle, 2)
     drift = abs(first.mean() - second.mean())
     swing = np.median(np.abs(angle - np.median(angle)))
-    if drift > MAX_RESTING_MOTION or swing > max(
-        MAX_RESTING_MOTION, 2 * bend_sensor_of(recording).noise
-    ):
+    max_swing = max(MAX_RESTING_MOTION, 2 * bend_sensor_of(recording).noise)
+    if drift > MAX_RESTING_MOTION or swing > max_swing:
         raise CalibrationError(
             f"The limb does not rest at the end of {title_of(recording)}: its bend still moves by "
             f"{np.rad2deg(max(drift, swing)):.1f}°."
@@ -329,7 +324,7 @@ class DampedSinusoid:
 
     - ``damping_ratio``: ζ.
     - ``natural_frequency``: ω, rad/s.
-    - ``amplitude``, ``phase``, ``offset``: A, ϕ, b at t = 0, the start.
+    - ``amplitude``, ``offset``: A at t = 0, the start, and b.
     - ``start``: time at which the fit starts, s.
     - ``decay_rate``: ζ ω with its standard error, 1/s.
     - ``residual``: root mean square of the deviations, in the unit of the signal.
@@ -338,7 +333,6 @@ class DampedSinusoid:
     damping_ratio: float
     natural_frequency: float
     amplitude: float
-    phase: float
     offset: float
     start: float
     decay_rate: Estimate
@@ -348,13 +342,6 @@ class DampedSinusoid:
     def frequency(self) -> float:
         """Frequency of the damped oscillation, Hz."""
         return self.natural_frequency * np.sqrt(1 - self.damping_ratio**2) / (2 * np.pi)
-
-    def __call__(self, times: ArrayLike) -> np.ndarray:
-        """Return the sinusoid at times (K,), s."""
-        since = np.asarray(times, float) - self.start
-        turns = 2 * np.pi * self.frequency * since + self.phase
-        decay = np.exp(-self.damping_ratio * self.natural_frequency * since)
-        return self.amplitude * decay * np.sin(turns) + self.offset
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -396,17 +383,19 @@ def fit_damped_sinusoid(
     """
     time = np.asarray(time, float)
     signal = np.asarray(signal, float)
-    if time.shape != signal.shape or len(time) < MIN_SAMPLES:
-        raise CalibrationError(
-            f"A ring-down needs at least {MIN_SAMPLES} samples, and a time for each."
-        )
+    if len(time) < MIN_SAMPLES:
+        raise CalibrationError(f"A ring-down needs at least {MIN_SAMPLES} samples.")
     is_read = ~np.isnan(signal)
     signal = fill_gaps(time, signal)
     if not np.ptp(signal) > 0:
         raise CalibrationError("The signal does not move; there is no ring-down in it.")
     # Start where the signal first passes its final level.
     period = (time[-1] - time[0]) / (len(time) - 1)
-    start = _first_passing(signal, _release_index(signal))
+    release = _release_index(signal)
+    level = np.median(signal[release + 3 * (len(signal) - release) // 4 :])
+    side = np.sign(np.median(signal[max(0, release - 4) : release + 1]) - level)
+    has_passed = side * (signal[release:] - level) < 0
+    start = release + int(np.argmax(has_passed))
     since = time[start:] - time[start]
     values = signal[start:]
     if len(values) < MIN_SAMPLES:
@@ -479,7 +468,6 @@ def fit_damped_sinusoid(
         damping_ratio=float(decay / natural),
         natural_frequency=float(natural),
         amplitude=float(amplitude),
-        phase=float(np.arctan2(cosine, sine)),
         offset=float(offset),
         start=float(time[start]),
         decay_rate=Estimate(float(decay), float(error * decay), "1/s"),
@@ -492,14 +480,6 @@ def _release_index(signal: np.ndarray) -> int:
     around = np.lib.stride_tricks.sliding_window_view(np.pad(signal, 1, mode="edge"), 3)
     pace = np.abs(np.diff(np.median(around, axis=1)))
     return int(np.argmax(pace > RELEASE_PACE_SHARE * pace.max()))
-
-
-def _first_passing(signal: np.ndarray, release: int) -> int:
-    """Return the first sample after the release that is beyond the final level."""
-    level = np.median(signal[release + 3 * (len(signal) - release) // 4 :])
-    side = np.sign(np.median(signal[max(0, release - 4) : release + 1]) - level)
-    passed = np.flatnonzero(side * (signal[release:] - level) < 0)
-    return release + int(passed[0]) if len(passed) else release
 
 
 def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> DampingFit:
@@ -522,7 +502,8 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     error = float(np.sqrt(np.mean(np.square(trial_errors)) / len(values)))
     if len(values) > 1:
         error = max(error, standard_error(np.array(values)))
-    remarks = []
+    estimate = Estimate(float(np.mean(values)), error, "N·m·s/rad")
+    remarks = remarks_on_estimate("the damping", estimate)
     # Compare the frequencies of limb and model.
     ratios = [m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)]
     worst_index = int(np.argmax(np.abs(np.log(ratios))))
@@ -542,29 +523,24 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     if any(fit.residual > 0.15 * fit.amplitude for fit in measured):
         sentence = "The ring-down is far from a damped sinusoid; release the limb in one move."
         remarks.append(Remark("ringing", sentence))
-    estimate = Estimate(float(np.mean(values)), error, "N·m·s/rad")
-    remarks += remarks_on_estimate("the damping", estimate)
     return DampingFit(estimate, measured, simulated, remarks)
-
-
-def _release_swing(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Return the direction of the release, unit (F,), and the bend along it (K,), rad."""
-    if len(recording.bend_angle) == 1:
-        return np.ones(1), recording.bend_angle[0]
-    bends = np.array([fill_gaps(recording.time, bend) for bend in recording.bend_angle])
-    deviations = bends - np.median(bends[:, -MIN_SAMPLES // 2 :], axis=1, keepdims=True)
-    widest_deviation = deviations[:, np.argmax(np.linalg.norm(deviations, axis=0))]
-    direction = widest_deviation / max(np.linalg.norm(widest_deviation), 1e-9)
-    return direction, direction @ recording.bend_angle
 
 
 def _fit_recording(parameters, recording: Recording):
     """Return σ and its standard error, and the sinusoids of limb and model."""
     recording.check_plausible()
     sensor = bend_sensor_of(recording)
-    (direction, measured_bend) = _release_swing(recording)
+    # The bend along the direction of the release, a unit vector (F,).
+    direction = np.ones(1)
+    gravity = [0.0, 0.0, 0.0]
+    if len(recording.bend_angle) > 1:
+        gravity = recording.parameters.gravity
+        bends = np.array([fill_gaps(recording.time, bend) for bend in recording.bend_angle])
+        deviations = bends - np.median(bends[:, -MIN_SAMPLES // 2 :], axis=1, keepdims=True)
+        widest_deviation = deviations[:, np.argmax(np.linalg.norm(deviations, axis=0))]
+        direction = widest_deviation / max(np.linalg.norm(widest_deviation), 1e-9)
+    measured_bend = direction @ recording.bend_angle
     signal = fill_gaps(recording.time, measured_bend)
-    gravity = recording.parameters.gravity if len(direction) > 1 else [0.0, 0.0, 0.0]
     if len(signal) < MIN_SAMPLES or not np.ptp(signal) > 0:
         fit_damped_sinusoid(recording.time, signal)  # which says so
     # Find the release, and how far the limb was bent.
@@ -664,15 +640,13 @@ def with_ringing(fit: StiffnessFit, damping: DampingFit) -> StiffnessFit:
     pairs = zip(damping.measured, damping.simulated, strict=True)
     ratios = np.array([2 * np.log(m.natural_frequency / s.natural_frequency) for m, s in pairs])
     scatter = standard_error(ratios) if len(ratios) > 1 else RING_DOWN_ERROR
-    k = fit.by_sag.value
     error = fit.by_sag.standard_error / fit.by_sag.value
     # Weight both by their precisions, and widen if they disagree.
     precisions = 1 / np.array([error**2, FAST_STIFFENING_ERROR**2 + scatter**2])
     log_difference = float(ratios.mean() - np.log(1 + FAST_STIFFENING))  # of the logarithms of k
-    weight = precisions[1] / precisions.sum()
     total = precisions.sum()
     widening = max(1.0, abs(log_difference) / (1.96 * float(np.sqrt((1 / precisions).sum()))))
-    k = float(k * np.exp(weight * log_difference))
+    k = float(fit.by_sag.value * np.exp(precisions[1] / total * log_difference))
     combined = Estimate(k, float(k * widening / np.sqrt(total)), fit.by_sag.unit)
     return dataclasses.replace(fit, stiffness=combined)
 

@@ -32,8 +32,6 @@ _LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
 _INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
 _SIGNS = np.array([-1.0, 1.0, -1.0])
 BOUND_MARGIN = 0.01  # by which a logarithm may stay inside its bound and count as at it
-
-
 # Of equilibria, and of the bend sensor.
 BEND_DRIFT_TIME = 120.0  # s, within which a bend sensor's drift changes
 STILL_BEND_RATE = np.deg2rad(0.5)  # rad/s, below which φ̇ ≈ 0
@@ -143,7 +141,14 @@ def fit_heat_transfer(
     bend = recording.bend_angle[0]
     period = 1 / recording.sample_rate
     name = recording.parameters.wire_names[index]
-    _check_excitation(name, duty, readings, ambient, period)
+    if not duty.any():
+        raise CalibrationError(f"The {name} wire was never heated in this recording.")
+    rise = np.percentile(readings, 99) - ambient
+    if rise < MIN_TORQUE_RISE:
+        raise CalibrationError(
+            f"The {name} wire was never warm: at most {rise:.1f} °C above ambient after "
+            f"{duty.sum() * period:.1f} s of full duty in all."
+        )
     # Estimate T from the bend by the best equilibrium, and start from it.
     angle_eq, measured_eq = _most_promising_equilibrium(recording, index, ambient)
     b = (measured_eq - ambient) / angle_eq
@@ -188,7 +193,9 @@ def fit_heat_transfer(
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
     # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
     # less weight than one with the same noise that does not drift.
-    blocks = _block_numbers(recording.time)[is_read]
+    since = recording.time - recording.time[0]
+    block_time = min(RESIDUAL_BLOCK_TIME, since[-1] / MIN_BLOCKS)
+    blocks = (since / block_time).astype(int)[is_read]
     for _ in range(NUM_REWEIGHTINGS):
         _, simulated_readings, simulated_bend = simulated(fit.x)
         residual_pair = (simulated_readings - readings)[is_read], (simulated_bend - bend)[is_read]
@@ -208,7 +215,6 @@ def fit_heat_transfer(
     value_covariance = covariance[:3, :3] * np.outer(values, values)
     errors = np.abs(values) * np.sqrt(np.diag(covariance)[:3])
     a1, a2, a3 = map(Estimate, values.tolist(), errors.tolist(), RATE_UNITS.values())
-    # Put the result together.
     delay = None
     if fits_delay:  # a delay at its bound ends just inside it
         delay = Estimate(round(fit.x[6], 6), float(np.sqrt(covariance[6, 6])), "s")
@@ -230,33 +236,19 @@ def fit_heat_transfer(
     )
 
 
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def _rates(x: np.ndarray) -> np.ndarray:
     """Return a1, a2, a3, whose logarithms come first in x."""
     return _SIGNS * np.exp(x[:3])
-
-
-def _block_numbers(time: np.ndarray) -> np.ndarray:
-    """Return the numbers of the samples' blocks of time (K,); at least some blocks."""
-    since = time - time[0]
-    return (since / min(RESIDUAL_BLOCK_TIME, since[-1] / MIN_BLOCKS)).astype(int)
 
 
 def _independent_deviation(residual: np.ndarray, blocks: np.ndarray) -> float:
     """Return the standard deviation of independent noise whose block means scatter as much."""
     means = np.array([residual[blocks == block].mean() for block in np.unique(blocks)])
     return max(_rms(residual), _rms(means) * np.sqrt(len(residual) / len(means)))
-
-
-def _check_excitation(name: str, duty, measured, ambient: float, period: float) -> None:
-    """Raise CalibrationError if a wire was not heated, or never warm."""
-    if not duty.any():
-        raise CalibrationError(f"The {name} wire was never heated in this recording.")
-    rise = np.percentile(measured, 99) - ambient
-    if rise < 10.0:
-        raise CalibrationError(
-            f"The {name} wire was never warm: at most {rise:.1f} °C above ambient after "
-            f"{duty.sum() * period:.1f} s of full duty in all."
-        )
 
 
 def _most_promising_equilibrium(recording, index: int, ambient: float) -> tuple[float, float]:
@@ -273,15 +265,10 @@ def _most_promising_equilibrium(recording, index: int, ambient: float) -> tuple[
 
 
 def _collocate(duty, wire, measured, period: float, ambient: float) -> tuple[float, float, float]:
-    """Return a1, a2, a3 by two-stage collocation: smooth, then least squares in (6), (7).
+    """Return a1, a2, a3 by two-stage collocation: smooth, then least squares in (6), (7)."""
+    # Smooth both temperatures, and integrate the equations over a second each, for less noise.
+    from scipy.signal import savgol_filter  # takes long to import
 
-    The equations are integrated over a second each, which spares the
-    differentiation of noise.
-    """
-    # scipy.signal takes long to import.
-    from scipy.signal import savgol_filter
-
-    # Smooth both temperatures.
     window = 2 * int(1.0 / period) + 1
     wire = savgol_filter(wire - ambient, window, 2)
     measured = savgol_filter(measured - ambient, window, 2)
@@ -335,10 +322,6 @@ def _remarks_on_rates(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
                 f"The recording {'does not determine' if error > 1.0 else 'hardly determines'} "
                 f"{rate} of the {name} wire; record more equilibria.",
             )
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -436,10 +419,7 @@ def fit_force(
 def _equilibria(
     recording: Recording, is_read: np.ndarray, heat: HeatFit, warm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and last sample of each stretch of rest with the wire above ``warm``, °C.
-
-    All its samples are read, by ``is_read`` (K,).
-    """
+    """Return the first and last sample of each stretch of rest, read, with the wire warm, °C."""
     period = 1 / recording.sample_rate
     width = max(3, int(MIN_EQUILIBRIUM_TIME / period))
     kernel = np.ones(width) / width
@@ -450,12 +430,8 @@ def _equilibria(
     bend_rate[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
     heating = np.abs(np.gradient(heat.wire_temperature, period))
     # Rest is where bend and temperature stand still and the wire is warm.
-    is_resting = (
-        (bend_rate < STILL_BEND_RATE)
-        & (heating < STEADY_HEATING_RATE)
-        & (heat.wire_temperature > warm)
-    )
-    is_resting &= is_read
+    is_still = (bend_rate < STILL_BEND_RATE) & (heating < STEADY_HEATING_RATE)
+    is_resting = is_still & (heat.wire_temperature > warm) & is_read
     is_resting[:width] = is_resting[-width:] = False
     starts, ends = stretches(is_resting).T
     is_long = ends - starts >= width

@@ -32,13 +32,23 @@ def baselines(
     Returns:
         The bends of each run, (F,) or (M, F), rad, by the baseline's name.
     """
-    mean = np.nanmean(_joined_bends(fitted), axis=0)
-    # Take the time constant with which a lag fits best.
-    misfits = [_fit_lag(fitted, delay)[0] for delay in DELAYS]
-    best_delay = DELAYS[int(np.argmin(misfits))]
-    _, gains = _fit_lag(fitted, best_delay)
-    lagged_bends = [_lag_factors(run, best_delay) @ gains for run in judges]
-    return {MEAN: [mean] * len(judges), "a lag of each wire": lagged_bends}
+    bends = np.concatenate([run.bend for run in fitted])
+    is_read = ~np.isnan(bends).any(axis=1)
+
+    def lag_factors(run: HeatedRun, delay: float) -> np.ndarray:
+        """Return the heat of each wire by its duty, and a constant 1, at the samples (M, W + 1)."""
+        return np.column_stack([heat_by_duty(run, delay), np.ones(len(run.times))])
+
+    # Take the time constant with which a lag fits best; its gains follow from least squares.
+    fits = []
+    for delay in DELAYS:
+        factors = np.concatenate([lag_factors(run, delay) for run in fitted])
+        gains = np.linalg.lstsq(factors[is_read], bends[is_read], rcond=None)[0]
+        misfit = float(((bends - factors @ gains)[is_read] ** 2).sum())
+        fits.append((misfit, delay, gains))
+    _, delay, gains = min(fits, key=lambda fit: fit[0])
+    lagged_bends = [lag_factors(run, delay) @ gains for run in judges]
+    return {MEAN: [np.nanmean(bends, axis=0)] * len(judges), "a lag of each wire": lagged_bends}
 
 
 def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) -> dict[str, float]:
@@ -50,23 +60,3 @@ def baseline_errors(fitted: Sequence[HeatedRun], judges: Sequence[HeatedRun]) ->
             run_errors.append(np.nanmean(np.linalg.norm(run.bend - bend, axis=1)))
         errors[name] = float(np.mean(run_errors))
     return errors
-
-
-def _joined_bends(runs: Sequence[HeatedRun]) -> np.ndarray:
-    """Return the bends of all samples of runs, one run after the other (sum of M, F), rad."""
-    return np.concatenate([run.bend for run in runs])
-
-
-def _lag_factors(run: HeatedRun, delay: float) -> np.ndarray:
-    """Return the heat of each wire by its duty, and a constant 1, at the samples (M, W + 1)."""
-    return np.column_stack([heat_by_duty(run, delay), np.ones(len(run.times))])
-
-
-def _fit_lag(runs: Sequence[HeatedRun], delay: float) -> tuple[float, np.ndarray]:
-    """Return the squared misfit of a lag of a delay in s, rad², and its gains (W + 1, F), rad."""
-    factors = np.concatenate([_lag_factors(run, delay) for run in runs])
-    bends = _joined_bends(runs)
-    is_read = ~np.isnan(bends).any(axis=1)
-    # The gains follow from linear least squares.
-    gains = np.linalg.lstsq(factors[is_read], bends[is_read], rcond=None)[0]
-    return float(((bends - factors @ gains)[is_read] ** 2).sum()), gains

@@ -11,7 +11,7 @@ distance from the limb has two parts:
 """
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -147,16 +147,15 @@ def plan_miss(
     # Error that the law leaves of the motions.
     law_error = max(mean_bend_error(rollouts), float(np.mean(errors)))
     # Motions that bend the limb by more are missed by more.
-    wide_error = max(
-        law_error * max(1.0, typical_range / _bend_range(rollouts)),
-        mean_bend_error(fitted) * max(1.0, typical_range / _bend_range(fitted)),
-    )
+    span = _bend_range(rollouts)
+    wider = max(1.0, typical_range / span)
+    wider_than_fitted = max(1.0, typical_range / _bend_range(fitted))
+    wide_error = max(law_error * wider, mean_bend_error(fitted) * wider_than_fitted)
     if typical_range:  # a limb that stays in the middle of its range misses no more
         law_error = min(law_error, typical_range / 2)
         wide_error = min(wide_error, typical_range / 2)
     expected = float(np.hypot(wide_error, unknown_error))
-    by_mean = mean_error * max(1.0, typical_range / _bend_range(rollouts))
-    return PlanMiss(law_error, expected, _bend_range(rollouts), (min(errors), max(errors)), by_mean)
+    return PlanMiss(law_error, expected, span, (min(errors), max(errors)), mean_error * wider)
 
 
 def _bend_range(group: Sequence[Predicted]) -> float:
@@ -168,9 +167,8 @@ def _bend_range(group: Sequence[Predicted]) -> float:
     return max(float(np.max(spans)), float(np.deg2rad(1.0)))
 
 
-def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> list[Remark]:
-    """Return remarks on wires whose recordings are cooler than plans, or lack reversals."""
-    remarks = []
+def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> Iterator[Remark]:
+    """Yield remarks on wires whose recordings are cooler than plans, or lack reversals."""
     max_temperature = limb.temperature_limits.maximum
     room = limb.ambient_temperature
     for index, wire in enumerate(limb.wires):
@@ -187,23 +185,18 @@ def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> li
         hottest = float(np.concatenate(heated_readings).max())
         min_swing = SWING_SHARE * (hottest - room)
         if hottest < room + MIN_RISE_SHARE * (max_temperature - room):
-            remarks.append(
-                Remark(
-                    "range",
-                    f"The {wire.name} wire was read at {hottest:.0f} °C at most, and plans may "
-                    f"heat it to {max_temperature:.0f} °C, where nothing is known of it: record it "
-                    "hotter, or lower temperature_limits.maximum.",
-                )
+            yield Remark(
+                "range",
+                f"The {wire.name} wire was read at {hottest:.0f} °C at most, and plans may heat it "
+                f"to {max_temperature:.0f} °C, where nothing is known of it: record it hotter, or "
+                "lower temperature_limits.maximum.",
             )
         elif sum(_count_swings(readings, min_swing) for readings in heated_readings) < MIN_SWINGS:
-            remarks.append(
-                Remark(
-                    "range",
-                    f"The {wire.name} wire is heated and cools once: plans turn back and forth, "
-                    "and hysteresis shows where they do; record it with reversals.",
-                )
+            yield Remark(
+                "range",
+                f"The {wire.name} wire is heated and cools once: plans turn back and forth, and "
+                "hysteresis shows where they do; record it with reversals.",
             )
-    return remarks
 
 
 def _count_swings(readings: np.ndarray, min_swing: float) -> int:
@@ -227,7 +220,6 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
     """Return the distance between limbs of one calibration in a typical motion, and its range, rad.
 
     The distance is the mean over the motion, of which the root mean square over limbs is taken.
-    The range is of the calibrated limb's bend.
     """
     # Shares of the full duty of both sides (K, 2), and the side of each wire.
     durations, *levels = np.transpose(TYPICAL_LEVELS)
@@ -258,12 +250,9 @@ def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
 def _simulate_limbs(
     limbs: Sequence[LimbParameters], duty: np.ndarray, supplies: Sequence[float] = (1.0,)
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate T (S, W, B), °C, and φ (K + 1, R, B), rad, of B cold limbs in R runs each.
+    """Simulate T (S, W, B), °C, and φ (K + 1, R, B), rad, of cold limbs under duty (K, W).
 
-    Args:
-        limbs: the limbs (B), of one segment of W wires.
-        duty: duty of each step (K, W).
-        supplies: multiples of the duty, one for each run (R,).
+    Each run has the duty times one of the supplies (R,).
     """
     # All wires start cold, each limb in its room.
     law, ambient, rubber = stack_limbs(limbs)
@@ -315,21 +304,14 @@ def identified_by(law: type[WireLaw], field: str) -> str:
         if field in fields:
             return recording
     law_field = law.__dataclass_fields__.get(field)  # type: ignore[attr-defined]
-    prior = law_field.metadata.get("prior") if law_field else None
+    prior = law_field and law_field.metadata["prior"]
     return LAW_RECORDINGS.get(prior.identified_by, "") if prior else ""
 
 
 def _recording_in_words(
     fit: LawFit, recording: str, wire: int | None, unknowns: Sequence[Unknown], bond: str = ""
 ) -> str:
-    """Return a recording, with the name of its wire and the unknowns of the wire that it tells.
-
-    Args:
-        recording: text with a gap for the wire's name.
-        wire: index of the wire; None if the recording is of the segment.
-        unknowns: unknowns of all wires, of which the recording tells some.
-        bond: text before the recording.
-    """
+    """Return a recording, with the name of its wire, if any, and the unknowns that it tells."""
     names = []
     for unknown in unknowns:
         if unknown.wire == wire and identified_by(fit.law, unknown.field) == recording:

@@ -8,9 +8,8 @@ whitened by its covariance, so that they count for what they are worth.
 
 import copy
 import dataclasses
-import operator
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from calibration.prediction.unknowns import (
     ABSENT_VALUES,
     FORMER_FIELDS,
     Unknown,
+    laws_before_fit,
     prior_factor,
     slopes_of,
     split_unknowns,
@@ -32,7 +32,7 @@ from calibration.prediction.unknowns import (
 )
 from limb_systems import LimbParameters, RestMemory, SegmentParameters, WireLaw
 from limb_systems.law_functions import with_fields
-from limb_systems.monte_carlo import OpenLoop, parameter_owner
+from limb_systems.monte_carlo import OpenLoop, parameter_owner, stack_laws
 from limb_systems.ragged_rows import RaggedRows
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
@@ -141,27 +141,23 @@ class LawFit:
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters by name, with their standard errors."""
-        errors = np.sqrt(np.diag(self.value_covariance))
-        values = values_of(self.unknowns, self.fitted)
-        estimates: dict[str, Estimate] = {}
-        for unknown, value, error in zip(self.unknowns, values, errors, strict=True):
-            estimates[unknown.name] = Estimate(
-                float(value), float(error), unknown.unit, may_be_zero=not unknown.form
-            )
-        return estimates
+        errors = np.sqrt(np.diag(self.value_covariance)).tolist()
+        values = map(float, values_of(self.unknowns, self.fitted))
+        return {
+            unknown.name: Estimate(value, error, unknown.unit, may_be_zero=not unknown.form)
+            for unknown, value, error in zip(self.unknowns, values, errors, strict=True)
+        }
 
     def apply(self, limb: LimbParameters) -> None:
         """Give the segment of a limb these laws and this rubber."""
         (segment,) = limb.segments
         # Set the law and the memory first, then their numbers.
-        for wire in segment.wires:
-            wire.law = self.law()
+        for wire, law in zip(segment.wires, laws_before_fit(self.law, self.segment), strict=True):
+            wire.law = law
         all_unknowns = [*self.unknowns, *self.unidentified]
         if any(unknown.field == "shift" for unknown in all_unknowns):
             segment.rest_memory = RestMemory()
-        all_fitted = [*self.fitted]
-        for unknown in self.unidentified:
-            all_fitted.append(unknown.center)
+        all_fitted = [*self.fitted, *(unknown.center for unknown in self.unidentified)]
         values = values_of(all_unknowns, all_fitted)
         for unknown, value in zip(all_unknowns, values, strict=True):
             owner, field = parameter_owner(limb, unknown.name)
@@ -231,7 +227,6 @@ def fit_law(
     *,
     rubber: tuple[str, ...] = (),
     start: LawFit | None = None,
-    report: Callable[[str], object] = lambda remark: None,
 ) -> LawFit:
     """Fit a law to recordings by their open-loop prediction.
 
@@ -245,7 +240,6 @@ def fit_law(
         ambient: T0, °C, about which each recording has its own.
         rubber: as for `unknowns_of`.
         start: a fit of this or another law, of which values of the same name are taken.
-        report: is called in each iteration with a remark on it.
     """
     # Fit the unknowns that the recordings can identify.
     heated = np.zeros(len(segment.wires), bool)
@@ -267,21 +261,17 @@ def fit_law(
         x = problem.best_start([start_values.get(u.name, u.center) for u in unknowns], start_in_law)
     for number in range(NUM_PASSES[1]):
         # Fit, then weight residuals by what the law's form leaves, and fit again.
-        x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE, report=report)
+        x = problem.optimum(x, tolerance=TOLERANCE if number else 10 * TOLERANCE)
         changed = problem.reweigh(x)
         if number + 1 >= NUM_PASSES[0] and (problem.reads_heat or changed < SAME_SIZE_RATIO):
             break
     fit = problem.fit_at(x)
     # Return the start in place of a fit to the same recordings that is worse.
-    if start_in_law is not None and start is not None and _is_fit_to(start, runs):
-        return fit if fit.misfit <= start.misfit else problem.fit_at(start_in_law)
+    if start_in_law is not None and start is not None:
+        is_to_these_runs = [id(each.run) for each in start.predicted] == [*map(id, runs)]
+        if is_to_these_runs and fit.misfit > start.misfit:
+            return problem.fit_at(start_in_law)
     return fit
-
-
-def _is_fit_to(fit: LawFit, runs: Sequence[HeatedRun]) -> bool:
-    """Return True if a fit is to these very recordings, in their order."""
-    fitted_runs = [predicted.run for predicted in fit.predicted]
-    return len(fitted_runs) == len(runs) and all(map(operator.is_, fitted_runs, runs))
 
 
 def fitting_time(
@@ -313,6 +303,7 @@ class _FitProblem:
         unidentified: list[Unknown],
     ):
         self._law = law
+        self._described_laws = laws_before_fit(law, segment)
         self._runs = runs
         self._unknowns = unknowns
         self._ambient = ambient
@@ -324,10 +315,9 @@ class _FitProblem:
         # Simulate all runs at once, in arrays as long as the longest run.
         lengths = [len(run.duty) for run in runs]
         duty = np.zeros((max(lengths), len(runs), self._num_wires))
-        self._first_readings = np.empty((len(runs), self._num_wires))
         for number, run in enumerate(runs):
             duty[: len(run.duty), number] = run.duty
-            self._first_readings[number] = np.where(np.isnan(run.first), ambient, run.first)
+        self._first_readings = np.nan_to_num([run.first for run in runs], nan=ambient)
         self._open_loop = (
             OpenLoop(duty, STEP, segment, lengths)
             if segment.axes == 1
@@ -346,17 +336,11 @@ class _FitProblem:
         self.center = np.concatenate([centers, self.initial_center])
         self.spread = np.concatenate([spreads, self._initial_spread])
         unbounded = np.full(len(self.initial_center), np.inf)
-        self.bounds = np.stack(
-            [np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])]
-        )
+        self.bounds = np.array([[*low, *-unbounded], [*high, *unbounded]])
         # Signals that each recording has, and means that are outliers.
-        self.reads_heat = False
-        self.num_readings = 0
-        self._outliers: list[np.ndarray] = []
-        for run in runs:
-            self.reads_heat |= run.is_read
-            self.num_readings += int((run.counts > 0).sum())
-            self._outliers.append(np.zeros(run.counts.T.shape, bool))
+        self.reads_heat = any(run.is_read for run in runs)
+        self.num_readings = sum(int((run.counts > 0).sum()) for run in runs)
+        self._outliers = [np.zeros(run.counts.T.shape, bool) for run in runs]
         self._arrange_samples()
         # Noise of the sensors, and errors of the law's form, by which residuals are whitened.
         sensor = segment.bend_sensor
@@ -369,8 +353,8 @@ class _FitProblem:
         """Set rows of the samples of all signals that recordings have, one sequence a signal."""
         self._columns: list[tuple[int, int]] = []  # index of the run, and of its signal
         for number, run in enumerate(self._runs):
-            for signal in np.flatnonzero(run.counts.any(axis=0)).tolist():
-                self._columns.append((number, signal))
+            signals = np.flatnonzero(run.counts.any(axis=0)).tolist()
+            self._columns += [(number, signal) for signal in signals]
         self._samples = RaggedRows([len(self._runs[number].times) for number, _ in self._columns])
         # The reading of each sample, and the simulated rows before and after it.
         count = self._samples.count
@@ -393,12 +377,7 @@ class _FitProblem:
             self._rows_of_run[number].append(rows)
 
     def _initial_prior(self, run: HeatedRun, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the expected initial conditions of a recording (Q,), and their spreads (Q,).
-
-        Args:
-            run: the recording.
-            first: V at its beginning (W,), °C; T0 where it is not read.
-        """
+        """Return expected initial conditions (Q,) and spreads (Q,) of a run with first V (W,)."""
         centers = [np.array([self._ambient])]
         spreads = [np.array([AMBIENT_SPREAD])]
         # Wires without a thermocouple may be as warm as the warmest.
@@ -411,7 +390,7 @@ class _FitProblem:
         # The initial state is the less certain the faster a wire cools.
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
-        cold_states = self._law().cold_states(0.0)
+        cold_states = self._described_laws[0].cold_states(0.0)
         for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
             if self._law.is_temperature(name):
                 is_of_wire = len(centers) == 1  # the first state; others are of what surrounds it
@@ -507,15 +486,12 @@ class _FitProblem:
             self._ambient,
             x[size:].reshape(len(self._runs), -1),
             self.predicted(x),
-            self.hottest(x),
+            self._simulate_states(x[None])[0].max(axis=(0, 2)),
             self._unidentified,
         )
 
     def contained(self, fit: LawFit) -> np.ndarray | None:
-        """Return x with which this law predicts as the law of a fit does; None if there is none.
-
-        Recordings that the fit does not have start as expected.
-        """
+        """Return x with which this law predicts as the law of a fit does; None if there is none."""
         # Take each unknown from the fit, or the value with which it has no effect.
         former_unknowns = dict(zip(fit.names, fit.fitted, strict=True))
         x = self.center.copy()
@@ -538,7 +514,7 @@ class _FitProblem:
                 values[0] = former_values[0]
                 states = values[1:].reshape(-1, self._num_wires)
                 former = former_values[1:].reshape(-1, self._num_wires)
-                states[:] = np.array(self._law().cold_states(values[0]))[:, None]
+                states[:] = np.array(self._described_laws[0].cold_states(values[0]))[:, None]
                 for row, state in enumerate(self._law.states):
                     if state in fit.law.states:
                         states[row] = former[list(fit.law.states).index(state)]
@@ -549,10 +525,6 @@ class _FitProblem:
         low, high = self.bounds[:, : len(self._unknowns)]
         margin = 1e-6 * (high - low)
         return np.clip(values, low + margin, high - margin)
-
-    def hottest(self, x: np.ndarray) -> np.ndarray:
-        """Return the highest T of each wire (W,), °C, for one x."""
-        return self._simulate_states(x[None])[0].max(axis=(0, 2))
 
     def _simulate_states(
         self, x: np.ndarray, *, near_first: bool = False
@@ -565,7 +537,7 @@ class _FitProblem:
         size = len(self._unknowns)
         num_wires = self._num_wires
         num_sets = len(x)
-        fields: dict[str, np.ndarray] = {}
+        fields = vars(stack_laws([self._described_laws] * num_sets))
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         # Sort the values into fields of the laws and of the rubber.
         columns = [*x.T[:size]]
@@ -578,8 +550,7 @@ class _FitProblem:
             elif unknown.field == "angle":
                 rubber.setdefault("angle", np.empty((num_sets, num_wires)))[:, unknown.wire] = value
             else:
-                array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
-                array[:, 0, unknown.wire] = value
+                fields[unknown.field][:, 0, unknown.wire] = value
         initial_conditions = x[:, size:].reshape(num_sets, len(self._runs), self._num_initial)
         states = np.moveaxis(
             initial_conditions[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
@@ -590,9 +561,9 @@ class _FitProblem:
             law, initial_conditions[:, :, 0], initial, rubber, near_first=near_first
         )
 
-    def _simulate(self, x: np.ndarray, *, near_first: bool = False) -> np.ndarray:
+    def _simulate(self, x: np.ndarray, **options: bool) -> np.ndarray:
         """Simulate φ and V (S, F + W, B) for parameter sets x (B, P + R Q)."""
-        _, readings, bends = self._simulate_states(x, near_first=near_first)
+        _, readings, bends = self._simulate_states(x, **options)
         return np.concatenate([bends, readings], axis=1)
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
@@ -608,11 +579,7 @@ class _FitProblem:
         return result
 
     def _whitened(self, simulated: np.ndarray) -> np.ndarray:
-        """Return the whitened residuals of all samples (all M, B), zero where missing.
-
-        Args:
-            simulated: φ and V by `_simulate`.
-        """
+        """Return the whitened residuals of all samples (all M, B), zero where missing."""
         # Interpolate between the ends of steps.
         before = simulated[self._rows_before, self._signals]
         residuals = simulated[self._rows_after, self._signals]
@@ -630,14 +597,8 @@ class _FitProblem:
         return np.concatenate([self._prior @ offset[:size], offset[size:] / self._initial_spread])
 
     def best_start(self, values: Sequence[float], contained: np.ndarray | None) -> np.ndarray:
-        """Return the x with the least cost, of some starts.
-
-        Args:
-            values: values of the unknowns (P), for example of a former fit.
-            contained: x with which a former fit is repeated; None if it cannot be.
-        """
+        """Return the x with the least cost: of values (P), of a former fit's x, or random draws."""
         size = len(self._unknowns)
-        # The expected values, a former fit's, and its x or random draws from the prior.
         num_starts = NUM_STARTS if contained is None else 3
         starts = np.tile(self.center, (num_starts, 1))
         starts[0, :size] = values
@@ -659,16 +620,8 @@ class _FitProblem:
         *,
         free: slice = slice(None),
         tolerance: float = 10 * TOLERANCE,
-        report: Callable[[str], object] = lambda remark: None,
     ) -> np.ndarray:
-        """Return the x with the least cost, by a trust region from a given x.
-
-        Args:
-            x: the start.
-            free: the elements of x that are fitted; the rest stays.
-            tolerance: relative change of the cost, at which iterations end.
-            report: is called in each iteration with a remark on it.
-        """
+        """Return the x with the least cost, by a trust region from x, of which a part is free."""
         # Count in spreads from the center, as the trust region and its tolerance do not scale.
         center = self.center[free]
         spread = self.spread[free]
@@ -687,7 +640,6 @@ class _FitProblem:
             xtol=TOLERANCE,
             gtol=1e-10,
             max_nfev=MAX_ITERATIONS,
-            callback=lambda intermediate_result: report(f"cost {intermediate_result.cost:.0f}"),
         )
         return full_vector(solution.x)
 
@@ -733,8 +685,6 @@ class _FitProblem:
             columns = slice(column, column := column + count)
             changes = run_residuals[:, 1:] - run_residuals[:, :1]
             slopes = changes / np.concatenate([step[:num_moved], step[columns]])
-            # Turned, the residuals of a run are as many as what they depend on, and their squares
-            # and slopes say the same.
             readings = np.nan_to_num(run_residuals[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
             stacked_residuals = np.column_stack([slopes, readings])
             rotated = np.asarray(np.linalg.qr(stacked_residuals, mode="r"))

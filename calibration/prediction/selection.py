@@ -83,29 +83,19 @@ class Candidate:
         """Mean |V - V_sim| over all, °C; 0 without thermocouples."""
         return mean_temperature_error(self.judged)
 
-    @property
-    def errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean errors in blocks of time, of bend and readings together, in their scales.
-
-        First of the recordings that judge, then of the recordings of the fit.
-        """
-        return _block_errors(self.judged), _block_errors(self.fit.predicted)
-
 
 def _block_errors(recordings: Sequence[Predicted]) -> np.ndarray:
-    """Return the mean errors in the blocks of all recordings, one after the other."""
+    """Return mean errors of bend and readings together in blocks of time, in their scales."""
     blocks = []
     for predicted in recordings:
         run = predicted.run
         bend = np.ma.masked_invalid(predicted.bend - run.bend) / BEND_SCALE
-        reading = np.ma.masked_invalid(predicted.temperature - run.temperature)
-        heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
-        error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
-        numbers = (run.times / ERROR_BLOCK_TIME).astype(int)
+        reading = np.ma.masked_invalid(predicted.temperature - run.temperature) / TEMPERATURE_SCALE
+        error = sum(np.abs(signal).mean(axis=1).filled(0.0) for signal in (bend, reading))
         # Average in blocks of time, which count as independent.
-        for number in np.unique(numbers):
-            blocks.append(error[numbers == number].mean())
-    return np.array(blocks)
+        _, numbers = np.unique((run.times / ERROR_BLOCK_TIME).astype(int), return_inverse=True)
+        blocks.append(np.bincount(numbers, error) / np.bincount(numbers))
+    return np.concatenate(blocks)
 
 
 def error_reduction(better: Candidate, simple: Candidate) -> tuple[float, float]:
@@ -115,15 +105,14 @@ def error_reduction(better: Candidate, simple: Candidate) -> tuple[float, float]
     what a law of few parameters leaves of its own recordings tells as much.
     """
     means = []
-    standard_errors = []
-    for simple_errors, better_errors in zip(simple.errors, better.errors, strict=True):
-        differences = simple_errors - better_errors
+    variances = []
+    simple_groups = simple.judged, simple.fit.predicted
+    better_groups = better.judged, better.fit.predicted
+    for simple_group, better_group in zip(simple_groups, better_groups, strict=True):
+        differences = _block_errors(simple_group) - _block_errors(better_group)
         means.append(differences.mean())
-        standard_error = 0.0
-        if len(differences) > 1:
-            standard_error = float(np.std(differences, ddof=1)) / np.sqrt(len(differences))
-        standard_errors.append(standard_error)
-    return float(np.mean(means)), float(np.linalg.norm(standard_errors) / 2)
+        variances.append(differences.var() / max(len(differences) - 1, 1))
+    return float(np.mean(means)), float(np.sqrt(np.sum(variances)) / 2)
 
 
 def is_beaten(simple: Candidate, better: Candidate) -> bool:
@@ -175,23 +164,19 @@ class Prediction:
         nearest = min(self.candidates, key=lambda candidate: candidate.bend_error)
         if nearest.bend_error < self.best.bend_error:
             better, error = error_reduction(nearest, self.best)
-            sentences += f" {nearest.name} is nearer to what judged, but in all "
             sentences += (
-                f"by {better:.2f} ± {error:.2f} alone (1° and 3 °C count as 1), "
-                f"{'which may be chance' if better <= error else 'too little to matter'}."
-                if better > 0
-                else "not nearer."
+                f" {nearest.name} is nearer to what judged; in all, its errors are smaller by "
+                f"{better:.2f} ± {error:.2f} (1° and 3 °C count as 1)."
             )
         return sentences
 
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on judges, mountings, impossible starts, wires not told of, and parameters."""
-        remarks_on_data = *self._remarks_on_judges(), *self._remarks_on_mountings()
-        remarks_on_limb = *self._remarks_on_wires(), *self._remarks_on_parameters()
-        return [*remarks_on_data, *self._remarks_on_starts(), *remarks_on_limb]
+        on_limb = *self._remarks_on_wires(), *self._remarks_on_parameters()
+        return [*self._remarks_on_data(), *self._remarks_on_starts(), *on_limb]
 
-    def _remarks_on_mountings(self) -> Iterator[Remark]:
+    def _remarks_on_data(self) -> Iterator[Remark]:
         # Gravity towards E2 and E3 must differ between recordings of a limb in space.
         loads = np.array([predicted.run.load for predicted in self.fit.predicted])
         if self.fit.segment.axes > 1 and np.ptp(loads[:, 1:3], axis=0).max() < 1.0:
@@ -202,8 +187,6 @@ class Prediction:
                 "however it is rolled: record the limb turned about its axis by 0°, 90°, 180° and "
                 "270° as well, as soft-limb collect does.",
             )
-
-    def _remarks_on_judges(self) -> Iterator[Remark]:
         # Compare the heat while laws are judged with the whole.
         judged_heat = 0.0
         total_heat = 0.0
@@ -238,21 +221,18 @@ class Prediction:
                     "described, and its heat is told by the bend alone, and by the other wires.",
                 )
             elif fields:
-                new_fields = sorted(fields - set(vars(wire.law)))
-                law = ""
-                if new_fields:
-                    law = f", and its {', '.join(new_fields)} as expected of such wires"
+                new_fields = ", ".join(sorted(fields - set(vars(wire.law))))
+                law = f", and its {new_fields} as expected of such wires" if new_fields else ""
                 yield Remark(
                     "unheated",
                     f"The {wire.name} wire is heated in no recording: it stays as described{law}.",
                 )
 
     def _remarks_on_parameters(self) -> Iterator[Remark]:
-        estimates = self.fit.estimates.values()
-        shares = self.fit.unknown_shares
-        for unknown, x, estimate, share in zip(
-            self.fit.unknowns, self.fit.fitted, estimates, shares, strict=True
-        ):
+        fit = self.fit
+        estimates = fit.estimates.values()
+        rows = zip(fit.unknowns, fit.fitted, estimates, fit.unknown_shares, strict=True)
+        for unknown, x, estimate, share in rows:
             # A value at its bound, then a value that is known no better than before.
             may_be_absent = unknown.low == 0.0 and not unknown.form  # a part of a law
             low = -np.inf if may_be_absent else unknown.low
@@ -270,21 +250,16 @@ class Prediction:
                 )
 
     def _remarks_on_starts(self) -> Iterator[Remark]:
-        law = self.fit.law
+        fit = self.fit
+        states = list(itertools.product(fit.law.states, fit.segment.wires))
         # Check each temperature of each wire at the start of each recording.
-        for predicted, initial_conditions in zip(
-            self.fit.predicted, self.fit.initial_conditions, strict=True
-        ):
+        for predicted, (room, *start) in zip(fit.predicted, fit.initial_conditions, strict=True):
             run = predicted.run
-            room = float(initial_conditions[0])
             readings = run.temperature if run.is_read else predicted.temperature
-            state_values = initial_conditions[1:].reshape(len(law.states), -1)
-            for state, values in zip(law.states, state_values, strict=True):
-                if not law.is_temperature(state):
-                    continue
-                for wire, value in zip(self.fit.segment.wires, values, strict=True):
-                    start = f"the {wire.name} wire's {state} in the recording of {run.source}"
-                    yield from remarks_on_start(start, value, room, readings)
+            for (state, wire), value in zip(states, start, strict=True):
+                if fit.law.is_temperature(state):
+                    name = f"the {wire.name} wire's {state} in the recording of {run.source}"
+                    yield from remarks_on_start(name, value, room, readings)
 
 
 def fit_by_prediction(
@@ -350,9 +325,9 @@ def fit_by_prediction(
         baselines = [baseline_errors(others, left_out) for others, left_out in folds.folds]
         best, predictions = _best_law_by_folds(candidates, best, folds, baselines, runs, report)
         # Fit the best law to all runs, and predict the validation runs as plans are predicted.
-        fit = best.fit
         report(f"{best.name}, all recordings")
-        fit = fit_law(fit.law, all_runs, segment, ambient, rubber=rubber_options(fit), start=fit)
+        rubber = rubber_options(best.fit)
+        fit = fit_law(best.fit.law, all_runs, segment, ambient, rubber=rubber, start=best.fit)
         rollouts = fit.roll_out([predicted.run for predicted in predictions])
     mean_error = float(np.mean([errors[MEAN] for errors in baselines]))
     return Prediction(candidates, best, fit, folds.words, rollouts, predictions, mean_error)
@@ -377,20 +352,16 @@ def _make_folds(runs: Mapping[str, list[HeatedRun]]) -> tuple[list[HeatedRun], _
     Each wire that validation runs heat is heated in the fitted runs, too.
     """
     motions = runs.get("motion", [])
-    runs_with_all_wires = runs.get("both", [])
-    heated = []
-    for kind, group in runs.items():
-        if kind != "motion":
-            heated += group
+    heated = list(itertools.chain(*(group for kind, group in runs.items() if kind != "motion")))
     fitted = [*heated, *motions]
     # Validate by the motions, or else by the runs with all wires.
-    if motions and _heated_wires(motions) <= _heated_wires(heated):
-        words = f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"
-        return fitted, _Folds([(heated, motions)], continued=False, words=words)
-    others = _without(fitted, runs_with_all_wires)
-    if runs_with_all_wires and _heated_wires(runs_with_all_wires) <= _heated_wires(others):
-        words = "what shows all wires heated, fitted last"
-        return fitted, _Folds([(others, runs_with_all_wires)], continued=False, words=words)
+    for judges, words in (
+        (motions, f"{len(motions)} motion{'s' * (len(motions) != 1)}, fitted last"),
+        (runs.get("both", []), "what shows all wires heated, fitted last"),
+    ):
+        others = _without(fitted, judges)
+        if judges and _heated_wires(judges) <= _heated_wires(others):
+            return fitted, _Folds([(others, judges)], continued=False, words=words)
     # Or else by the last recordings, then by others in turn.
     if latest := _latest_runs(fitted):
         folds = []
@@ -429,20 +400,14 @@ def _best_law_by_folds(
 
     Errors count by their root mean square over the folds, as one fold that is far off matters.
 
-    Args:
-        candidates, best, folds: the laws by the first fold, the best of them, and all folds.
-        baselines: errors of baselines in each fold by name, rad.
-        kinds: kinds of the recordings.
-        report: is called with what is being done.
-
     Raises:
         CalibrationError: if no law predicts the folds as well as the best baseline.
     """
-    mean_squares = {}
-    for name in baselines[0]:
-        mean_squares[name] = float(np.mean([errors[name] ** 2 for errors in baselines]))
-    baseline, mean_square = min(mean_squares.items(), key=lambda item: item[1])
-    error = np.sqrt(mean_square)
+    squares = {
+        name: float(np.mean([errors[name] ** 2 for errors in baselines])) for name in baselines[0]
+    }
+    baseline = min(squares, key=lambda name: squares[name])
+    error = np.sqrt(squares[baseline])
     allowed = max(BASELINE_ALLOWANCE[0] * error, error + BASELINE_ALLOWANCE[1])
     # Try the best law, then the laws with the smallest errors, each fitted in each further fold.
     by_error = sorted(candidates, key=lambda candidate: candidate.bend_error)
@@ -485,21 +450,18 @@ def _latest_runs(runs: Sequence[HeatedRun]) -> list[HeatedRun]:
     for wire in _heated_wires(runs):
         if wire not in _heated_wires(latest):
             latest.append(next(run for run in reversed(runs) if run.duty[:, wire].any()))
-    is_too_much = _heat_of_wires(latest) > MAX_HEAT_SHARE * _heat_of_wires(runs)
+    is_too_much = _heat(latest) > MAX_HEAT_SHARE * _heat(runs)
     return [] if np.any(is_too_much) else latest
 
 
-def _heat_of_wires(runs: Sequence[HeatedRun]) -> np.ndarray:
-    """Return the duty of each wire summed over all steps of all runs (W,)."""
+def _heat(runs: Sequence[HeatedRun]) -> np.ndarray:
+    """Return the duty of each wire summed over all steps of all runs (W,); 0 without runs."""
     return np.sum([run.duty.sum(axis=0) for run in runs], axis=0)
 
 
 def _heated_wires(runs: Sequence[HeatedRun]) -> set[int]:
     """Return the indices of the wires that are heated in recordings."""
-    wires: set[int] = set()
-    for run in runs:
-        wires.update(np.flatnonzero(run.duty.any(axis=0)).tolist())
-    return wires
+    return set(np.flatnonzero(_heat(runs)).tolist())
 
 
 def compare_laws(
@@ -517,14 +479,10 @@ def compare_laws(
     """Fit laws, then the best of them with options of the rubber, and predict the judges by each.
 
     Args:
-        laws: from the simplest on; each starts from the law before.
-        runs: recordings to fit to.
-        judges: recordings to predict.
-        segment: the described one, of which the stiffness and the laws count.
-        ambient: T0, °C.
+        laws, segment, ambient, report: as for `fit_by_prediction`; each law starts from the last.
+        runs, judges: recordings to fit to, and to predict.
         options: options of the rubber that are tried.
         continued: True if the judges are other samples of the same recordings, in their order.
-        report: is called with what is being done.
         on_fitted: is called with each law when it is fitted and judged.
 
     Returns:
@@ -533,17 +491,8 @@ def compare_laws(
     candidates: list[Candidate] = []
 
     def add(law: type[WireLaw], rubber: tuple[str, ...], start: LawFit | None) -> Candidate:
-        name = " + ".join([law.__name__, *rubber])
-        report(name)
-        fit = fit_law(
-            law,
-            runs,
-            segment,
-            ambient,
-            rubber=rubber,
-            start=start,
-            report=lambda remark: report(f"{name}, {remark}"),
-        )
+        report(" + ".join([law.__name__, *rubber]))
+        fit = fit_law(law, runs, segment, ambient, rubber=rubber, start=start)
         judged_runs = fit.continued(judges) if continued else fit.predict(judges)
         candidates.append(Candidate(fit, judged_runs))
         on_fitted(law)

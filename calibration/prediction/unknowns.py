@@ -1,5 +1,6 @@
 """The unknowns of a limb's wires and rubber, and their priors."""
 
+import copy
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -120,6 +121,15 @@ def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarra
     return slopes
 
 
+def laws_before_fit(law: type[WireLaw], segment: SegmentParameters) -> list[WireLaw]:
+    """Return each wire's law (W), whose fields without a range stay: as described, or new.
+
+    A word chooses the equations of a lab's law, for example.
+    """
+    laws = [wire.law for wire in segment.wires]
+    return [copy.copy(described) if type(described) is law else law() for described in laws]
+
+
 def unknowns_of(
     law: type[WireLaw], segment: SegmentParameters, rubber: tuple[str, ...] = ()
 ) -> list[Unknown]:
@@ -132,7 +142,8 @@ def unknowns_of(
             "stiffening" and "rest_memory".
     """
     result = []
-    for field in dataclasses.fields(law):  # type: ignore[arg-type]
+    fields = dataclasses.fields(law)  # type: ignore[arg-type]
+    for field in (field for field in fields if "range" in field.metadata):
         # Bounds of the field, as the fit has it: a logarithm where the sign is fixed.
         above = law.below.get(field.name, "")
         low, high = (MIN_BELOW, MAX_BELOW) if above else field.metadata["range"]
@@ -147,19 +158,26 @@ def unknowns_of(
             high = min(high, MAX_RATE)
         if form:
             low, high = sorted(np.log(np.abs([low, high])))
-        # Prior of the field for each wire.
+        # Prior of the field: the description's value, or the usual one of a limb like this.
+        spreads = DEFAULT_TEMPERATURE_SPREADS if unit == "°C" else DEFAULT_SPREADS
+        default = _distance_or_value(law(), field.name, above)
+        prior = field.metadata["prior"] or Prior(default, *spreads)
+        usual = prior.center
+        if unit.startswith("N·m"):  # which bends a limb of any stiffness as far as the nominal one
+            nominal = SegmentParameters()
+            share_of_k = segment.stiffness / nominal.stiffness
+            usual *= share_of_k * (nominal.links + 1) / (segment.links + 1)
         for index, wire in enumerate(segment.wires):
-            default = _described_value(law(), field.name, above) or 0.0
-            described = _described_value(wire.law, field.name, above)
-            center, spread, wire_spread = _expected_value(segment, described, field, default)
+            is_described = hasattr(wire.law, field.name)
+            center = _distance_or_value(wire.law, field.name, above) if is_described else usual
             if form:
                 center = np.log(max(abs(center), 1e-12))
             margin = 1e-6 * (high - low)
             center = float(np.clip(center, low + margin, high - margin))
             name = f"{wire.name}.{field.name}"
             below = f"{wire.name}.{above}" if above else ""
-            prior = center, spread, wire_spread
-            result.append(Unknown(name, field.name, index, unit, form, *prior, low, high, below))
+            of_prior = center, prior.spread, prior.wire_spread
+            result.append(Unknown(name, field.name, index, unit, form, *of_prior, low, high, below))
     # Unknowns of the segment.
     for name, number, unit, form, center, low, high in _segment_unknowns(segment, rubber):
         kind = name.split(".")[-1]
@@ -171,11 +189,7 @@ def unknowns_of(
 def _segment_unknowns(
     segment: SegmentParameters, rubber: tuple[str, ...]
 ) -> Iterator[tuple[str, int | None, str, str, float, float, float]]:
-    """Yield the unknowns of a segment that are no field of a wire's law.
-
-    Each has a name, the index of its wire (None if it is of no wire), a unit, a form, a center, a
-    lower and an upper bound. Of the form "+", which is positive, center and bounds are logarithms.
-    """
+    """Yield name, wire, unit, form, center and bounds of unknowns that are no field of a law."""
     # Angles; in space also angles of wires and springs, as gravity bends a limb that is mounted in
     # several ways by amounts that depend on them.
     angles: list[tuple[str, int | None, float]] = [("rest_angle", None, segment.rest_angle)]
@@ -221,40 +235,9 @@ def split_unknowns(
     return identified, unidentified
 
 
-def _described_value(law: WireLaw, name: str, above: str) -> float | None:
-    """Return a field of a law; None if the law does not have it.
-
-    Args:
-        law: the law.
-        name: name of the field.
-        above: name of the field from which the distance to this field is returned; "" if none.
-    """
-    if not hasattr(law, name):
-        return None
+def _distance_or_value(law: WireLaw, name: str, above: str) -> float:
+    """Return a field of a law, or its distance below the field ``above`` unless that is empty."""
     return getattr(law, above) - getattr(law, name) if above else getattr(law, name)
-
-
-def _expected_value(
-    segment: SegmentParameters, described: float | None, field: dataclasses.Field, default: float
-) -> tuple[float, float, float]:
-    """Return the center, the spread and the wire spread of a field of a law; see `Prior`.
-
-    Args:
-        segment: description of the segment.
-        described: value in the description of the wire; None if its law does not have the field.
-        field: the field.
-        default: center of a field without a prior.
-    """
-    unit = field.metadata["unit"]
-    spreads = DEFAULT_TEMPERATURE_SPREADS if unit == "°C" else DEFAULT_SPREADS
-    prior = field.metadata.get("prior") or Prior(default, *spreads)
-    value = prior.center
-    if described is not None:
-        value = described
-    elif unit.startswith("N·m"):  # which bends a limb of any stiffness as far as the nominal one
-        nominal = SegmentParameters()
-        value *= segment.stiffness / nominal.stiffness * (nominal.links + 1) / (segment.links + 1)
-    return value, prior.spread, prior.wire_spread
 
 
 def prior_factor(unknowns: list[Unknown]) -> np.ndarray:
@@ -263,12 +246,8 @@ def prior_factor(unknowns: list[Unknown]) -> np.ndarray:
     Unknowns of the same field share a deviation (`Unknown.spread`), and each has one of its own
     (`Unknown.wire_spread`).
     """
-    count = len(unknowns)
-    covariance = np.zeros((count, count))
-    for row, unknown in enumerate(unknowns):
-        for column, other_unknown in enumerate(unknowns):
-            if unknown.field == other_unknown.field:
-                covariance[row, column] = unknown.spread * other_unknown.spread
-                if row == column:
-                    covariance[row, column] += unknown.wire_spread**2
-    return np.linalg.inv(np.linalg.cholesky(covariance))
+    fields = np.array([unknown.field for unknown in unknowns])
+    spreads = np.array([unknown.spread for unknown in unknowns])
+    wire_spreads = np.array([unknown.wire_spread for unknown in unknowns])
+    shared = np.outer(spreads, spreads) * (fields[:, None] == fields)
+    return np.linalg.inv(np.linalg.cholesky(shared + np.diag(wire_spreads**2)))

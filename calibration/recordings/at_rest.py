@@ -1,7 +1,7 @@
 """The room, the rest angle and the first readings of wires, by recordings of a cold limb."""
 
-import dataclasses
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +20,14 @@ DISCONNECTED_BELOW = 10.0  # °C, by which a connected thermocouple is not colde
 SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
 
 
-@dataclasses.dataclass(frozen=True)
-class ColdReading:
+class ColdReading(NamedTuple):
     """A thermocouple's reading of its wire in a recording, while the wire seems to be cold.
 
-    - ``name``: name of the wire.
     - ``is_heated``: whether the wire is heated later.
     - ``moves``: whether the thermocouple ever reads something else.
     - ``start``, ``lowest``: reading at the start, or median without heat, and lowest reading, °C.
     """
 
-    name: str
     is_heated: bool
     moves: bool
     start: float
@@ -94,8 +91,15 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     rooms = []
     for recording in recordings:
         rooms.append(recording.parameters.ambient_temperature)
-        for reading in _cold_readings(recording):
-            readings.setdefault(reading.name, []).append(reading)
+        is_start = at_start(recording)
+        for index in np.flatnonzero(is_start.any(axis=1)).tolist():
+            measured = recording.measured_temperature[index]
+            read = measured[~np.isnan(measured)]
+            heats = bool(recording.duty[index].any())
+            start = float(np.median(measured[is_start[index]] if heats else read))
+            lowest = float(np.quantile(read, 0.02))
+            reading = ColdReading(heats, bool(np.ptp(read) > 0), start, lowest)
+            readings.setdefault(recording.parameters.wire_names[index], []).append(reading)
     described = float(np.mean(rooms))
     if not readings:
         return Estimate(described, 0.0, "°C")
@@ -133,32 +137,12 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     return Estimate(mean, float(spread), "°C")
 
 
-def _cold_readings(recording: Recording) -> Iterable[ColdReading]:
-    """Yield the cold reading of each thermocouple that has readings."""
-    is_start = at_start(recording)
-    for index, name in enumerate(recording.parameters.wire_names):
-        if not is_start[index].any():
-            continue
-        measured = recording.measured_temperature[index]
-        read = measured[~np.isnan(measured)]
-        is_heated = bool(recording.duty[index].any())
-        start = measured[is_start[index]] if is_heated else read
-        lowest = np.quantile(read, 0.02)
-        moves = bool(np.ptp(read) > 0)
-        yield ColdReading(name, is_heated, moves, float(np.median(start)), float(lowest))
-
-
 def _lowest_room(readings: dict[str, list[ColdReading]], field: str, described: float) -> float:
-    """Return the lowest reading, °C, of thermocouples that move and are not far below the others.
-
-    Raises:
-        CalibrationError: if no thermocouple moves.
-    """
+    """Return the lowest reading, °C, of thermocouples that move and are not far below others."""
     lows = []
     for of_wire in readings.values():
         of_moving = [getattr(reading, field) for reading in of_wire if reading.moves]
-        if of_moving:
-            lows.append(min(of_moving))
+        lows += sorted(of_moving)[:1]
     if not lows:
         raise CalibrationError(
             "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "
@@ -209,12 +193,7 @@ def _is_end(recording: Recording, duration: float) -> np.ndarray:
 def _cold_angles(
     stretches: Iterable[tuple[Recording, np.ndarray]], ambient: float
 ) -> tuple[list[np.ndarray], list[float]]:
-    """Return the bend angles (F,) and sensors' drifts, rad, of stretches with cold wires.
-
-    Args:
-        stretches: recordings, each with its samples that count (K,).
-        ambient: T0, °C.
-    """
+    """Return bend angles (F,) and sensors' drifts, rad, of samples (K,) with cold wires."""
     angles = []
     drifts = []
     for recording, stretch in stretches:

@@ -1,7 +1,5 @@
 """Kinds of recordings: what a limb is calibrated from, and which wires are heated in each."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from calibration.remarks import CalibrationError
@@ -80,11 +78,7 @@ def heated_kinds(parameters: LimbParameters) -> dict[str, list[int]]:
 
 
 def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
-    """Return the indices of the wires that are heated in recordings of a kind.
-
-    Raises:
-        LimbError: if there is no such kind.
-    """
+    """Return the indices of the wires that are heated in a kind; raise LimbError if none are."""
     kinds = heated_kinds(parameters)
     if actuated not in kinds:
         raise LimbError(f"actuated is {actuated!r}; it must be one of {', '.join(kinds)}.")
@@ -115,7 +109,8 @@ def kind_of(recording: Recording, name: str = "") -> str:
                 f"its kind is {recording.kind!r}; it must be one of {', '.join(kinds)}."
             )
         return recording.kind
-    kind_by_name = "heated" if name in HEATED_NAMES else _named_kind(name, kinds)
+    named_kinds = [kind for kind in kinds if name.startswith(kind)]
+    kind_by_name = "heated" if name in HEATED_NAMES else max(named_kinds, key=len, default="")
     if kind_by_name in FREE_KINDS and recording.duty.any():
         return kind_by_name
     # Take what it shows; a limb that hardly moves rings down only by name.
@@ -127,11 +122,6 @@ def kind_of(recording: Recording, name: str = "") -> str:
         hint = GRAVITY_HINT * (kind_by_name == "sag")
         raise CalibrationError(f"it shows a limb at rest, which tells nothing{hint}.")
     return shown_kind
-
-
-def _named_kind(name: str, kinds: Iterable[str]) -> str:
-    """Return the longest kind that a file's name begins with; empty if it does with none."""
-    return max((kind for kind in kinds if name.startswith(kind)), key=len, default="")
 
 
 def content_in_words(parameters: LimbParameters, kind: str) -> str:

@@ -63,12 +63,22 @@ def check_recording(recording: Recording, expected: str | None = None) -> None:
             swapped wires, thermocouples or bend sensor, other units, or another
             kind than expected.
     """
+    # Check samples, duration and mounting.
     _check_time(recording)
     recording.check_plausible()
-    _check_missing(recording)
+    num_bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
+    if num_bends < MIN_SAMPLES:
+        raise CalibrationError(
+            f"the bend angle is there in {num_bends} of {len(recording.time)} samples, which tell "
+            "nothing; leave this recording out, and see whether the column is the right one."
+        )
     _check_zeros(recording)
     recording = without_spikes_in(with_interpolated_gaps(recording))
-    _check_duration(recording)
+    if recording.duty.any() and recording.duration < MIN_DURATION:
+        raise CalibrationError(
+            f"wires are heated for {recording.duration:.1f} s only; they take seconds to heat and "
+            f"to cool, so record {MIN_DURATION:.0f} s at least."
+        )
     _check_gravity(recording)
     # Compare with the kind that is expected.
     kind = kind_by_signals(recording)
@@ -170,34 +180,18 @@ def frozen_since(recording: Recording) -> tuple[int, str] | None:
                 continue
             during = is_driven & (first >= start) & (first + window <= end)
             before = is_moved[is_driven & (first + window <= start)]
-            if (
-                during.any()
-                and len(before) >= MIN_DRIVEN_WINDOWS
-                and before.mean() > MIN_MOVED_SHARE
-            ):
-                frozen.append((int(start), name))
+            has_moved = len(before) >= MIN_DRIVEN_WINDOWS and before.mean() > MIN_MOVED_SHARE
+            if during.any() and has_moved:
+                sentence = f"{name} repeats one reading from {recording.time[start]:.1f} s on"
+                frozen.append((int(start), sentence))
                 break
-    if not frozen:
-        return None
-    start, name = min(frozen)
-    return start, f"{name} repeats one reading from {recording.time[start]:.1f} s on"
+    return min(frozen, default=None)
 
 
 def _sensor_names(recording: Recording) -> list[str]:
     """Return the names of the thermocouples and of the bend sensor of each bend, in messages."""
     names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
     return names + ["the bend sensor"] * len(recording.bend_angle)
-
-
-def _check_missing(recording: Recording) -> None:
-    """Raise CalibrationError if too few readings of the bend are there."""
-    count = len(recording.time)
-    bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
-    if bends < MIN_SAMPLES:
-        raise CalibrationError(
-            f"the bend angle is there in {bends} of {count} samples, which tell nothing; leave "
-            "this recording out, and see whether the column is the right one."
-        )
 
 
 def _check_zeros(recording: Recording) -> None:
@@ -221,15 +215,6 @@ def _check_zeros(recording: Recording) -> None:
                     f"and {max(neighbours, key=abs):.1f} beside it: if it had no reading, leave "
                     "its cells empty."
                 )
-
-
-def _check_duration(recording: Recording) -> None:
-    """Raise CalibrationError if wires heat and cool for too short a time to be seen."""
-    if recording.duty.any() and recording.duration < MIN_DURATION:
-        raise CalibrationError(
-            f"wires are heated for {recording.duration:.1f} s only; they take seconds to heat and "
-            f"to cool, so record {MIN_DURATION:.0f} s at least."
-        )
 
 
 def _check_gravity(recording: Recording) -> None:

@@ -28,7 +28,7 @@ RESTING_TIME = 3.0  # s without heat, in which readings show where a wire that i
 # s of heated recordings, and samples of any
 MIN_DURATION = 10.0
 MIN_SAMPLES = 20
-MAX_PIECE_DURATION = 900.0  # s, as the time that fits take grows with its square
+MAX_PIECE_DURATION = 900.0  # s, as the time that a fit takes grows with its longest piece
 MAX_GAP = 60.0  # s, that are filled with the duty beside them
 MAX_UNKNOWN_DOSE = 0.5  # s of full duty, by which the dose in a gap may be wrong
 
@@ -179,7 +179,9 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
         starts = [*_piece_starts(recording, ends), stretch.stop]
         for start, stop in itertools.pairwise(starts):
             piece = select_samples(recording, np.arange(start, stop))
-            if _is_informative(piece):
+            num_bends = (~np.isnan(piece.bend_angle)).sum()
+            is_long = piece.duration >= MIN_DURATION and num_bends >= MIN_SAMPLES
+            if is_long and piece.duty[:, 1:].any():
                 pieces.append(piece)
     if not pieces:
         raise CalibrationError(
@@ -271,9 +273,3 @@ def _piece_starts(recording: Recording, ends: list[int]) -> Iterator[int]:
             yield start
             late = int(np.searchsorted(time, time[start] + MAX_PIECE_DURATION))
             start = _first_rest(recording, late) if late < stop else stop
-
-
-def _is_informative(piece: Recording) -> bool:
-    """Return whether a piece shows heat, for long enough."""
-    bends = (~np.isnan(piece.bend_angle)).sum()
-    return bool(piece.duty[:, 1:].any() and piece.duration >= MIN_DURATION and bends >= MIN_SAMPLES)

@@ -52,54 +52,51 @@ Heating = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def check_supply(
-    parameters: LimbParameters, voltage: float | None, cut_off: bool | None, report: Report
-) -> bool:
-    """Return whether the supply may heat wires: a person has to say so, and no answer is a no.
+    parameters: LimbParameters, voltage: float | None, cut_off: bool | None
+) -> list[tuple[bool, str]]:
+    """Check that the supply may heat wires: a person has to say so, and no answer is a no.
 
     Args:
         parameters: the limb's description, whose ``supply_voltage`` it is compared with.
         voltage: measured voltage of the supply, V; None if nobody answered.
         cut_off: whether a thermal cut-off is in series with the wires; None if nobody answered.
-        report: takes whether it is good, and a sentence.
+
+    Returns:
+        For the voltage and for the cut-off, whether it is good, and a sentence. Wires may be heated
+        if both are good.
 
     Raises:
         LimbError: if the voltage is no positive number.
     """
     # The voltage must be given. If the limb was calibrated, it must be the voltage from then.
     if voltage is None:
-        is_voltage_good = False
-        report(
+        of_voltage = (
             False,
             "nobody has said which voltage the wires' supply has, and heat goes with its square: "
             "measure it, and give --supply VOLTS",
         )
+    elif not 0.1 <= voltage <= 1000.0:
+        raise LimbError(f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V.")
     else:
-        if not 0.1 <= voltage <= 1000.0:
-            raise LimbError(
-                f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V."
-            )
-        is_voltage_good = _check_voltage(voltage, parameters.supply_voltage, report)
+        of_voltage = _check_voltage(voltage, parameters.supply_voltage)
     # A cut-off must be there.
-    if cut_off:
-        report(True, "a thermal cut-off is on the limb")
-    elif cut_off is None:
-        report(
-            False,
+    sentence = "a thermal cut-off is on the limb"
+    if cut_off is None:
+        sentence = (
             "nobody has said that a thermal cut-off is on the limb, in series with its wires; give "
-            f"--cut-off if there is one: {CUT_OFF_ADVICE}",
+            f"--cut-off if there is one: {CUT_OFF_ADVICE}"
         )
-    else:
-        report(False, f"no cut-off: {CUT_OFF_ADVICE}")
-    return is_voltage_good and bool(cut_off)
+    elif not cut_off:
+        sentence = f"no cut-off: {CUT_OFF_ADVICE}"
+    return [of_voltage, (bool(cut_off), sentence)]
 
 
-def _check_voltage(voltage: float, calibrated_voltage: float, report: Report) -> bool:
-    """Return whether a supply heats as during the calibration; both voltages are in V."""
+def _check_voltage(voltage: float, calibrated_voltage: float) -> tuple[bool, str]:
+    """Return whether a supply heats as during the calibration, and a sentence; voltages in V."""
     measured = f"the supply has {voltage:.3g} V"
     if not calibrated_voltage:
         advice = f"write supply_voltage: {voltage:g} into the limb's file to compare"
-        report(True, f"{measured}; {advice}")
-        return True
+        return True, f"{measured}; {advice}"
     heat_ratio = (voltage / calibrated_voltage) ** 2
     lowest, highest = SAME_HEAT_RANGE
     is_good = lowest <= heat_ratio <= highest
@@ -109,8 +106,7 @@ def _check_voltage(voltage: float, calibrated_voltage: float, report: Report) ->
     )
     if not is_good:
         sentence += f"; set it to {calibrated_voltage:.3g} V, or calibrate anew"
-    report(is_good, sentence)
-    return is_good
+    return is_good, sentence
 
 
 def check_wires(link: BoardLink, report: Report, parameters: LimbParameters | None = None) -> bool:

@@ -158,7 +158,6 @@ class BoardInfo:
     """The description that a board gives of itself.
 
     - ``firmware_version``: number of the firmware.
-    - ``sample_period``: time between two samples, s.
     - ``temperature_limit``: reading at which it switches off, °C.
     - ``serial_number``: number of the board, as text.
     - ``channels``: number of wires that it drives.
@@ -167,7 +166,6 @@ class BoardInfo:
     """
 
     firmware_version: int
-    sample_period: float
     temperature_limit: float
     serial_number: str
     channels: int
@@ -685,8 +683,8 @@ class BoardLink(Closeable):
 
 def _board_info(values: tuple) -> BoardInfo:
     """Return the description in the values of an INFO."""
-    version, period_ms, limit_quarters, number, channels, angles, cause = values
+    version, _, limit_quarters, number, channels, angles, cause = values
     text = number.rstrip(b"\0")
     name = text.decode() if text.isalnum() else number.hex()
     cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
-    return BoardInfo(version, period_ms / 1000, limit_quarters / 4, name, channels, cause, angles)
+    return BoardInfo(version, limit_quarters / 4, name, channels, cause, angles)

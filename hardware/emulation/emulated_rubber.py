@@ -1,5 +1,7 @@
 """Torques on the joints in addition to the wires: nonlinear rubber, and a hand."""
 
+import math
+
 import numpy as np
 from pydrake.symbolic import MakeVectorVariable
 from pydrake.systems.framework import LeafSystem
@@ -163,7 +165,9 @@ class Hand(LeafSystem):
         super().__init__()
         self._motion = motion
         mechanics = LimbModel.of(parameters).mechanics
-        self._layout = mechanics.layout
+        self._num_joints = mechanics.layout.num_joints
+        # E2 and, where the limb bends about two axes, E3.
+        self._axes = np.eye(3)[1 : 1 + mechanics.layout.num_bends]
         (segment,) = parameters.segments
         (self._segment_chain,) = mechanics.chains
         self._tip = tip_position_function(mechanics)
@@ -183,16 +187,19 @@ class Hand(LeafSystem):
         """
         time = context.get_time()
         if time >= self._motion.end_time():
-            output.SetFromVector(np.zeros(self._layout.num_joints))
+            output.SetZero()
             return
         # Find the directions across the chord from base to tip, in which the hand pushes: E2 and E3
         # after the least rotation that turns E1 along the chord.
-        angles, rates = np.split(self.get_input_port().Eval(context), 2)
+        joint_state = self.get_input_port().Eval(context)
+        angles = joint_state[: self._num_joints]
+        rates = joint_state[self._num_joints :]
         chord, tip_jacobian = self._tip.first(angles)
-        along = chord / np.linalg.norm(chord)
-        across = np.eye(3)[1:] - np.outer(along[1:], along + np.eye(3)[0]) / (1 + along[0])
+        along = chord / math.sqrt(chord @ chord)
+        tilt = self._axes @ along / (1 + along[0])
+        along[0] += 1
         # Motion of the tip along these directions by each joint (F, n), m/rad.
-        jacobian = across[: self._layout.num_bends] @ tip_jacobian
+        jacobian = (self._axes - tilt[:, np.newaxis] * along) @ tip_jacobian
         # Push, N, by the error of the bend, rad, and the rate of the tip over the length, rad/s.
         bend = self._sensor.exact_bends(self._segment_chain, angles)
         error = self._motion.value(time).ravel() - bend

@@ -1,10 +1,9 @@
 """The emulated wires: heat in two masses, and the shape-memory law of eqn (3)."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import InputPortIndex, LeafSystem
+from pydrake.systems.framework import LeafSystem
 
 from hardware.emulation.specimen import Specimen, WirePhysics
 from limb_systems.drake_python import declare_state_output, weak_method
@@ -15,7 +14,6 @@ from limb_systems.limb_model import LimbModel
 from limb_systems.simulation import PERIOD
 
 LONGEST_STEP = 0.1  # s, of Euler's method
-PWM_STEP = 1 / 255  # of a timer of eight bits
 
 
 class ShapeMemoryWires(LeafSystem):
@@ -27,7 +25,7 @@ class ShapeMemoryWires(LeafSystem):
         Ṫ = -c (T - S) + h D + L ξ̇
         Ṡ = d (T - S) - e (S - T_room)
 
-    with the duty D in the steps of the PWM.
+    with the duty D.
 
     The martensite fraction ξ follows the logistic curves of Ikuta, one for
     heating and one for cooling, in Duhem's form, whose memory is where heating
@@ -53,7 +51,6 @@ class ShapeMemoryWires(LeafSystem):
     - output 0 ``generalized_force``: f (n), N·m
     - output 1 ``wire_temperature``: T (W), °C
     - output 2 ``state``: as below
-    - output 3 ``applied_duty``: D (W) in the steps of the PWM
     - state, discrete: [T (W), S (W), ξ (W), ε (W)], °C, °C, 1 and 1
     """
 
@@ -70,11 +67,11 @@ class ShapeMemoryWires(LeafSystem):
         self._step_size = period / self._num_steps
         self._room = specimen.ambient
         self._wires = wires = specimen.wires
-        self._num_wires = num_wires = len(wires)
-        self._num_joints = num_joints = specimen.description.num_joints
+        num_wires = len(wires)
+        num_joints = specimen.description.num_joints
         self._rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
 
-        # Strain of each wire per joint angle (W, n), and torque of each wire on the joints (n, W).
+        # Strain of each wire by the joint state (W, 2n), and torque of wires on the joints (n, W).
         # φ towards the wire's own side is the mean angle of the links, over the equal angles that
         # make a bend of one, eqn (11).
         mechanics = LimbModel.of(specimen.mechanics()).mechanics
@@ -84,7 +81,8 @@ class ShapeMemoryWires(LeafSystem):
             angle_factor[joints] = 2 / chain.equal_angle
             num_links[joints] = len(chain.lengths)
         relief = mechanics.levers * [wire.strain_relief for wire in wires]
-        self._strain = np.ascontiguousarray(-(relief * angle_factor / (2 * num_links)).T)
+        self._strain = np.zeros((num_wires, 2 * num_joints))
+        self._strain[:, :num_joints] = -(relief * angle_factor / (2 * num_links)).T
         self._torque = mechanics.levers * [wire.torque for wire in wires]
 
         # Declare state, inputs and outputs; an unused limb is at the temperature of the room.
@@ -100,23 +98,22 @@ class ShapeMemoryWires(LeafSystem):
         )
         declare_state_output(self, "wire_temperature", index, slice(0, num_wires))
         self.DeclareStateOutputPort("state", index)
-        self.DeclareVectorOutputPort(
-            "applied_duty",
-            num_wires,
-            weak_method(self._calc_duty),
-            {self.input_port_ticket(InputPortIndex(0))},
-        )
 
     def _step(self, context, discrete_state):
-        strain = self._strain @ self.EvalVectorInput(context, 1).value()[: self._num_joints]
-        duty = self._applied_duty(context).tolist()
-        state = self._state(context)
-        strain_change = ((strain - state[3]) / self._num_steps).tolist()
-        for _ in range(self._num_steps):
-            of_wires = zip(self._wires, self._rates, duty, strain_change, *state, strict=True)
-            states = [self._after_step(*values) for values in of_wires]
-            state = list(zip(*states, strict=True))
-        discrete_state.set_value(np.concatenate(state))
+        duty = self.EvalVectorInput(context, 0).value().tolist()
+        strain = (self._strain @ self.EvalVectorInput(context, 1).value()).tolist()
+        state = context.get_discrete_state_vector().value().tolist()
+        num_wires = len(self._wires)
+        for index, wire in enumerate(self._wires):
+            # T, S, ξ and ε of the wire.
+            values = state[index::num_wires]
+            strain_change = (strain[index] - values[3]) / self._num_steps
+            for _ in range(self._num_steps):
+                values = self._after_step(
+                    wire, self._rates[index], duty[index], strain_change, *values
+                )
+            state[index::num_wires] = values
+        discrete_state.set_value(state)
 
     # It takes the numbers of one wire, because arrays of two numbers take several times as long.
     def _after_step(
@@ -163,11 +160,6 @@ class ShapeMemoryWires(LeafSystem):
             strain,
         )
 
-    def _state(self, context) -> Sequence[Sequence[float]]:
-        """Return T, S, ξ and ε of all wires."""
-        state = context.get_discrete_state_vector().value()
-        return state.reshape(4, self._num_wires).tolist()
-
     def _stress(
         self, wire: WirePhysics, temperature: float, martensite: float, strain: float
     ) -> float:
@@ -175,17 +167,12 @@ class ShapeMemoryWires(LeafSystem):
         return modulus * (strain + 1 - martensite) + wire.expansion * (temperature - self._room)
 
     def _calc_force(self, context, output):
-        temperature, _, martensite, strain = self._state(context)
-        of_wires = zip(self._wires, temperature, martensite, strain, strict=True)
-        stress = [self._stress(*values) for values in of_wires]
+        state = context.get_discrete_state_vector().value().tolist()
+        stress = []
+        for index, wire in enumerate(self._wires):
+            temperature, _, martensite, strain = state[index :: len(self._wires)]
+            stress.append(self._stress(wire, temperature, martensite, strain))
         output.SetFromVector(self._torque @ stress)
-
-    def _calc_duty(self, context, output):
-        output.SetFromVector(self._applied_duty(context))
-
-    def _applied_duty(self, context) -> np.ndarray:
-        """Return D (W) in the steps of the PWM."""
-        return PWM_STEP * np.rint(self.EvalVectorInput(context, 0).value() / PWM_STEP)
 
 
 def _logistic(x: float) -> float:

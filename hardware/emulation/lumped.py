@@ -16,6 +16,7 @@ from hardware.emulation.sensors import (
     camera,
     exact_bend,
     limb_sensors,
+    quantized,
 )
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.firmware import guard
@@ -25,6 +26,7 @@ from limb_systems.drake_python import weak_method
 from limb_systems.layout import Layout, slices
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
+PWM_STEP = 1 / 255  # of duty, of a timer of eight bits
 
 
 def add_physics(
@@ -130,7 +132,7 @@ def add_physics(
     ports = {
         "measured_temperature": measured,
         "bend_angle": sensors.GetOutputPort("bend_angle"),
-        "applied_duty": wires.GetOutputPort("applied_duty"),
+        "applied_duty": cut_out.GetOutputPort("duty"),
         "measurement": measurement,
         "cut_out": cut_out.GetOutputPort("cut_out"),
     }
@@ -167,11 +169,11 @@ class CutOut(LeafSystem):
     """A cut-out that switches all heaters off once a wire is measured at the board's limit.
 
     They stay off until the end of the simulation. Unlike a board it does not reduce the duty
-    below the limit.
+    below the limit. Like a board it puts the duty into the steps of its PWM.
 
     - input 0 ``duty``: D (W), as commanded
     - input 1 ``measured_temperature``: V (W), °C
-    - output 0 ``duty``: D (W), zero once it has cut out
+    - output 0 ``duty``: D (W) in the steps of the PWM, zero once it has cut out
     - output 1 ``cut_out``: 1 if it has cut out, else 0
     - state, discrete: the value of ``cut_out``
     - parameter: the limit, °C, by default the limit of the board's firmware
@@ -202,13 +204,13 @@ class CutOut(LeafSystem):
 
     def _update_cut_out(self, context, discrete_state):
         limit = context.get_numeric_parameter(0)[0]
-        if self.EvalVectorInput(context, 1).value().max() >= limit:
+        if max(self.EvalVectorInput(context, 1).value().tolist()) >= limit:
             discrete_state.set_value([1.0])
 
     def _calc_duty(self, context, output):
-        is_cut_out = context.get_discrete_state_vector()[0]
-        duty = self.EvalVectorInput(context, 0).value()
-        output.SetFromVector(0 * duty if is_cut_out else duty)
+        share = 1 - context.get_discrete_state_vector()[0]
+        duty = self.EvalVectorInput(context, 0).value().tolist()
+        output.SetFromVector([share * quantized(value, PWM_STEP) for value in duty])
 
 
 class _StateKeeper(LeafSystem):

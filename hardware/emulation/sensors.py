@@ -1,6 +1,7 @@
 """Sensors like the robot's: sampled, noisy, drifting, with steps."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -105,16 +106,15 @@ class SampledSensors(LeafSystem):
         """
         super().__init__()
         # In a period a drift decays by a factor, and moves by a random step.
-        self._sensors = []
+        self._sensors = sensors
         self._drift_decays = []
-        self._drift_steps = []
+        self._noise_and_drift_step = []
         for sensor in sensors:
-            sigma = np.asarray(sensor.noise)
-            delta = np.asarray(sensor.drift)
-            decay = np.exp(-sensor.period / sensor.drift_time)
-            self._sensors.append(dataclasses.replace(sensor, noise=sigma, drift=delta))
+            decay = math.exp(-sensor.period / sensor.drift_time)
+            drift_step = np.asarray(sensor.drift) * np.sqrt(1 - decay**2)
+            steps = np.broadcast_arrays(np.empty(sensor.size), sensor.noise, drift_step)[1:]
             self._drift_decays.append(decay)
-            self._drift_steps.append(delta * np.sqrt(1 - decay**2))
+            self._noise_and_drift_step.append(np.transpose(steps).tolist())
         self._random_numbers = random_numbers
         # The elements of each sensor in the measurement, and in the drift.
         self._sensor_slices = slices([sensor.size for sensor in sensors])
@@ -140,7 +140,7 @@ class SampledSensors(LeafSystem):
             zip(self._sensors, self._sensor_slices, strict=True)
         ):
             drift = state.get_mutable_value(len(self._sensors))
-            drift[part] = sensor.drift * self._draw(state, sensor.size)
+            drift[part] = np.asarray(sensor.drift) * self._draw(state, sensor.size)
             self._sample(index, context, state)
 
     def _sampling(self, index: int):
@@ -149,14 +149,18 @@ class SampledSensors(LeafSystem):
 
     def _sample(self, index: int, context, state):
         sensor = self._sensors[index]
-        signal = sensor.response(self.EvalVectorInput(context, index).value())
-        random_numbers = self._draw(state, 2 * sensor.size)
-        noise = random_numbers[: sensor.size]
-        random_step = random_numbers[sensor.size :]
+        signal = sensor.response(self.EvalVectorInput(context, index).value()).tolist()
+        random_numbers = self._draw(state, 2 * sensor.size).tolist()
         drift = state.get_mutable_value(len(self._sensors))[self._sensor_slices[index]]
-        drift[:] = self._drift_decays[index] * drift + self._drift_steps[index] * random_step
-        noisy = signal + sensor.noise * noise + drift
-        state.set_value(index, sensor.step * np.rint(noisy / sensor.step))
+        drifts = drift.tolist()
+        # Calculate with numbers, because arrays of one or two take several times as long.
+        for element, (noise, drift_step) in enumerate(self._noise_and_drift_step[index]):
+            random_step = drift_step * random_numbers[sensor.size + element]
+            drifts[element] = self._drift_decays[index] * drifts[element] + random_step
+            noisy = signal[element] + noise * random_numbers[element] + drifts[element]
+            signal[element] = quantized(noisy, sensor.step)
+        drift[:] = drifts
+        state.set_value(index, signal)
 
     def _draw(self, state, count: int) -> np.ndarray:
         """Return the next numbers of the noise, and count them in the state."""
@@ -169,6 +173,11 @@ class SampledSensors(LeafSystem):
         groups = range(len(self._sensors))
         readings = [context.get_discrete_state(group).value() for group in groups]
         output.SetFromVector(np.concatenate(readings))
+
+
+def quantized(value: float, step: float) -> float:
+    """Return the multiple of a step that is closest to a value; nan of a limb that diverged."""
+    return step * round(value / step) if math.isfinite(value) else math.nan
 
 
 def exact_bend(parameters: LimbParameters) -> System:

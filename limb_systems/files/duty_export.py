@@ -64,8 +64,8 @@ def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 
     lines = [f"# {comment}", ",".join(["time_s", *names])]
     # Write the rows.
     times = np.arange(duty.shape[1]) / rate
-    row_format = ",".join(["%.9g"] + [_number_format(duty_max)] * len(duty))
-    lines += _formatted_rows(np.vstack([times, duty]), row_format)
+    row_format = ",".join(["%.9g", *["DUTY"] * len(duty)])
+    lines += _formatted_rows(np.vstack([times, duty]), row_format, duty_max)
     write_atomically(path, "\n".join(lines) + "\n")
 
 
@@ -81,8 +81,8 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
     # Choose the type of the numbers, and format the rows.
     number_type = "float" if duty_max == 1 else "uint8_t" if duty_max < 256 else "uint16_t"
     suffix = "f" if duty_max == 1 else ""
-    row = ", ".join([f"{_number_format(duty_max)}{suffix}"] * len(duty))
-    rows = _formatted_rows(duty, f"    {{{row}}},")
+    row = ", ".join([f"DUTY{suffix}"] * len(duty))
+    rows = _formatted_rows(duty, f"    {{{row}}},", duty_max)
     # Write them between definitions and a guard against double inclusion.
     comment = _comment(plan, rate, duty_max).replace("*/", "* /").replace("\n", "\n * ")
     lines = [
@@ -108,15 +108,13 @@ def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: in
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _number_format(duty_max: int) -> str:
-    """Return the format of a duty, a whole number if it is in counts."""
-    return "%.9f" if duty_max == 1 else "%.0f"
+def _formatted_rows(columns: np.ndarray, row_format: str, duty_max: int) -> list[str]:
+    """Return the text of each of the K rows of columns (C, K).
 
-
-def _formatted_rows(columns: np.ndarray, row_format: str) -> list[str]:
-    """Return the text of each of the K rows of columns (C, K), in a format of C numbers."""
+    In ``row_format`` DUTY stands for the format of a duty, a whole number if it is in counts.
+    """
     text = io.StringIO()
-    np.savetxt(text, columns.T, row_format)
+    np.savetxt(text, columns.T, row_format.replace("DUTY", "%.9f" if duty_max == 1 else "%.0f"))
     return text.getvalue().splitlines()
 
 

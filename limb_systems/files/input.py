@@ -26,13 +26,10 @@ def read_bytes(
         LimbError: of that type, with one sentence naming the file.
     """
     check_file(path, file_kind, largest, error_type)
-    try:
-        with open(path, "rb") as file:
-            if len(data := file.read(largest + 1)) <= largest:
-                return data
-    except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        raise _unreadable(path, file_kind, error, error_type) from error
-    raise _too_large(path, file_kind, largest, error_type)
+    with open(path, "rb") as file:
+        data = file.read(largest + 1)
+    _check_size(len(data), path, file_kind, largest, error_type)  # it may have grown
+    return data
 
 
 def check_file(
@@ -49,31 +46,24 @@ def check_file(
             with open(path, "rb"):
                 pass
     except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        raise _unreadable(path, file_kind, error, error_type) from error
+        reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else error
+        raise error_type(f"Cannot read the {file_kind}: {reason}.") from error
     # Refuse other things than files, and files that are too large.
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
         raise error_type(f"Cannot read the {file_kind}: {path} is {kind}, but must be a file.")
-    if status.st_size > largest:
-        raise _too_large(path, file_kind, largest, error_type)
+    _check_size(status.st_size, path, file_kind, largest, error_type)
 
 
-def _unreadable(
-    path: str | os.PathLike, file_kind: str, error: Exception, error_type: type[LimbError]
-) -> LimbError:
-    """Return the error for a file that cannot be opened, or a path that no file can have."""
-    reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else error
-    return error_type(f"Cannot read the {file_kind}: {reason}.")
-
-
-def _too_large(
-    path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
-) -> LimbError:
-    """Return the error for a file beyond the limit."""
-    return error_type(
-        f"Cannot read the {file_kind}: {path} is larger than the {largest / 1e6:g} MB that are "
-        "read."
-    )
+def _check_size(
+    size: int, path: str | os.PathLike, file_kind: str, largest: int, error_type: type[LimbError]
+) -> None:
+    """Refuse a file that is larger than the limit, bytes."""
+    if size > largest:
+        raise error_type(
+            f"Cannot read the {file_kind}: {path} is larger than the {largest / 1e6:g} MB that are "
+            "read."
+        )
 
 
 def read_text(

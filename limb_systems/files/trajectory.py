@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.plan_statements import plan_statements
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.signal_table import Planned, not_saved, sample_rate, signal
 from limb_systems.kinematics import bend_angle
@@ -18,6 +17,10 @@ from limb_systems.limb_parameters import LimbParameters
 from limb_systems.summary import Entry, Summary
 
 DEFECT_TOLERANCE = 1e-6
+DISTANCE_RATE = 20.0  # Hz, of the samples for the distance from the reference
+# Fields of a `PlanCheck` that JSON has under the same names.
+_CHECK_FIELDS = ["solver", "status", "iterations", "refinements", "cost", "guess_cost"]
+_CHECK_FIELDS += ["largest_defect", "largest_difference_deg", "tolerance_deg"]
 
 
 @dataclasses.dataclass
@@ -167,12 +170,82 @@ class Trajectory(Planned):
         """A caption: the source of the joint angles that a picture of the limb shows."""
         return "planned motion, nothing measured"
 
+    def statements(self, nearest: str = "") -> Summary:
+        """Return the statements about the plan: check, distance from the reference, active limits.
+
+        Args:
+            nearest: the distance of the best plan within the limits, in words, if known.
+        """
+        check = self.check
+        parameters = self.parameters
+        num_segments = len(parameters.segments)
+        num_knots = len(self.time)
+        # Measure the distance from the reference.
+        plan = self.since_start()
+        times = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration * DISTANCE_RATE)) + 1)
+        differences = plan.interpolated(plan.reference, times) - plan.bend_angle_at(times)
+        distances = self.model.layout.distances(differences)
+        mean_distance_deg = np.rad2deg(distances.mean())
+        difference_at_knots = np.abs(self.bend_angle - self.reference)
+        largest_distance_deg = np.rad2deg(difference_at_knots.max())
+        # Write the texts for people.
+        texts = {
+            "reference": f"missed by {mean_distance_deg:.2f}° on average, "
+            f"{largest_distance_deg:.2f}° at most{nearest}",
+            "limb": f"{num_segments} segment{'s' * (num_segments > 1)}, {parameters.num_joints} "
+            f"joints, {len(parameters.wires)} wires",
+            "plan": f"{self.duration:g} s, {num_knots} knots, from request to checked plan in "
+            f"{check.total_time:.2f} s",
+            "solver": f"{check.solver}: {check.status} in {check.iterations} iterations, "
+            f"{check.solve_time:.2f} s; cost {check.cost:.6g} (at the start "
+            f"{check.guess_cost:.6g})",
+            "check": f"{'failed' if check.failure() else 'passed'}, simulated again: within "
+            f"{check.largest_difference_deg:.4f}° of the plan (allowed {check.tolerance_deg:g}°); "
+            f"largest defect {check.largest_defect:.1e}",
+        }
+        if check.is_missing:
+            texts["solver"] = f"{check.solver or 'unknown'}: {check.status}"
+            texts["check"] = "none"
+        if check.highest_readings:
+            texts["band"] = (
+                f"on limbs like this one φ is read within ±{check.bend_band_deg:.2f}° of the plan "
+                f"(95%), V up to {max(check.highest_readings):.0f} °C (99.5%)"
+            )
+        # List the times of each active bound; added constraints have lines of their own.
+        ranges: dict[str, list[str]] = {}
+        for active in check.active_constraints:
+            ranges.setdefault(active.bound, []).append(_time_range(active.start, active.end))
+        active_times = {bound: f"at {', '.join(times)} s" for bound, times in ranges.items()}
+        added_lines = [_added_terms_line(terms, active_times) for terms in check.added]
+        width = max(map(len, active_times), default=0)
+        lines = [f"{bound:<{width}}  {times}" for bound, times in active_times.items()]
+        texts["limits"] = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
+        texts["added"] = "\n".join(added_lines)
+        # Collect the values for JSON.
+        values = {
+            "duration_s": self.duration,
+            "knots": num_knots,
+            **{name: getattr(check, name) for name in _CHECK_FIELDS},
+            "solve_time_s": check.solve_time,
+            "total_time_s": check.total_time,
+            "reference_missed_mean_deg": float(mean_distance_deg),
+            "reference_missed_largest_deg": float(largest_distance_deg),
+            "bend_band_deg": check.bend_band_deg if check.highest_readings else None,
+            "highest_readings_c": check.highest_readings,
+            "active_constraints": [
+                {"bound": active.bound, "start_s": active.start, "end_s": active.end}
+                for active in check.active_constraints
+            ],
+            "added": [dataclasses.asdict(terms) for terms in check.added],
+        }
+        return Summary.of(texts, values)
+
     def summary(self) -> Summary:
         """Return the summary of a plan: its size and check, and in details its statements.
 
         Only ``soft-limb show`` has the distance of the best plan, which takes a second to find.
         """
-        statements = plan_statements(self)
+        statements = self.statements()
         entries = [
             Entry("duration", self.duration, "s"),
             Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
@@ -252,3 +325,23 @@ class Trajectory(Planned):
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         yield from super()._text()
+
+
+def _time_range(start: float, end: float) -> str:
+    """Return a range of time, s, or the time of a single knot."""
+    first = f"{start:.1f}"
+    last = f"{end:.1f}"
+    return first if first == last else f"{first}-{last}"
+
+
+def _added_terms_line(terms: AddedTerms, active_times: dict[str, str]) -> str:
+    """Return a line on terms that the task added, and remove them from the active constraints."""
+    if terms.cost is None:
+        kind = "constraint"
+        times = active_times.pop(terms.name, None)
+        state = f"active {times}" if times else "not active"
+    else:
+        kind = "cost"
+        state = f"{terms.cost:.3g}"
+    number = kind if terms.number == 1 else f"{terms.number} {kind}s"
+    return f"{terms.name} ({number}): {state}"

@@ -16,17 +16,15 @@ from pydrake.geometry import (
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Rgba,
-    SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems.connected_limbs import ConnectedLimbs, connected
-from limb_systems.errors import LimbError
+from limb_systems.drake_python import weak_method
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import Planned
 from limb_systems.files.trajectory import Trajectory
@@ -43,6 +41,7 @@ WIRE_COLORS = np.array(
 # Directions from limbs in a plane, and in space, to the camera.
 PLANAR_VIEW_DIRECTION = (0.0, -0.42, 0.91)
 SPATIAL_VIEW_DIRECTION = (0.64, -0.64, 0.42)
+PUBLISH_PERIOD = 1 / 32  # s, of `WireColors`
 _CYLINDER_ALONG_E1 = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
 _NUM_CAMERA_POSES = 60  # poses of a motion that the camera must see
@@ -127,27 +126,6 @@ def joint_angle_trajectory(motion: Recording | Planned) -> PiecewisePolynomial:
     return PiecewisePolynomial.CubicHermite(motion.time, angles, rates)
 
 
-def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 0.0) -> list[Ghost]:
-    """Return ghosts of the reference and the plan; time 0 is ``start``, s, after the plan's start.
-
-    Raises:
-        LimbError: if the plan is for a limb of another shape than the parameters'.
-    """
-    planned_shape = _shape_in_words(plan.parameters)
-    shape = _shape_in_words(parameters)
-    if planned_shape != shape:
-        raise LimbError(
-            f"The plan is for a limb of {planned_shape}, but the motion is of one of {shape}; they "
-            "cannot be shown together."
-        )
-    # Shift the ghosts to the time of the view.
-    plan = plan.since_start()
-    ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
-    for ghost in ghosts:
-        ghost.joint_angles.shiftRight(-start)
-    return ghosts
-
-
 def ghost_of_reference(motion: Recording | Trajectory) -> Ghost:
     """Return the reference of a motion by eqn (11), over the motion's time."""
     return Ghost(
@@ -161,62 +139,42 @@ def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
     return PiecewisePolynomial.FirstOrderHold(time, angles)
 
 
-def _shape_in_words(parameters: LimbParameters) -> str:
-    """Return the links and sizes of a limb as text."""
-    texts = []
-    for segment in parameters.segments:
-        sizes_mm = 1e3 * np.array([segment.length, segment.thickness, segment.width])
-        text = "{} links, {:g} mm x {:g} mm x {:g} mm".format(segment.links, *sizes_mm)
-        text += ", two axes" * (segment.axes == 2)
-        text += ", twists" * segment.twists
-        text += ", centred" * segment.centred_joints
-        texts.append(text)
-    return " and ".join(texts)
-
-
-def view_of(described: LimbParameters | ConnectedLimbs, ghosts: Sequence[Ghost] = ()) -> "LimbView":
-    """Return the view of a limb, or of connected limbs.
-
-    Args:
-        described: description of the limb or the limbs.
-        ghosts: poses to compare the limb's with.
-
-    Raises:
-        LimbError: if connected limbs are to have ghosts.
-    """
-    if isinstance(described, LimbParameters):
-        return LimbView(described, ghosts)
-    if described.is_limb:
-        return LimbView(described.as_single_limb, ghosts)
-    if ghosts:
-        raise LimbError("A robot is shown without a plan; leave the plan out.")
-    return connected("view")(described)
-
-
 class LimbView:
-    """A limb in 3D, its wires in the colour of their heat.
+    """A limb in a Meshcat in 3D, its wires in the colour of their heat, perhaps with ghosts.
 
-    It may have ghosts. `add_to` puts the view into a Meshcat, `set_scene` sets the camera, and
-    `show` moves it there.
-    Views of other systems with links and wires override the methods that begin with an underscore.
+    `set_scene` sets the camera, and `show` moves the limb. Views of other systems with links and
+    wires override the methods that begin with an underscore.
+
+    - ``wire_paths``: paths of each wire in Meshcat, see `wire_paths`.
     """
 
     MODEL = "limb"  # name of the model in Meshcat
     LIGHT = (-6.0, -2.0, 10.0)
 
-    def __init__(self, parameters: LimbParameters, ghosts: Sequence[Ghost] = ()):
+    def __init__(self, meshcat: Meshcat, parameters: LimbParameters, ghosts: Sequence[Ghost] = ()):
         """
         Args:
+            meshcat: scene that the limb is put into.
             parameters: the limb.
             ghosts: poses to compare the limb's with.
         """
+        self._meshcat = meshcat
         self._parameters = parameters
         self._ghosts = ghosts
         self._is_planar = LimbModel.of(parameters).layout.is_planar
-        self._builder = DiagramBuilder()  # it keeps the plant
-        self._plant, _ = self._add_plant(self._builder)
-        self._context = self._plant.CreateDefaultContext()
         self._model = f"visualizer/{self.MODEL}"
+        for folder in ("visualizer", "ghosts", "ground"):
+            meshcat.SetTransform(folder, self._base_pose())
+        # Put the model into the scene. Drake publishes the shapes once; later only poses change.
+        builder = DiagramBuilder()
+        self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+        self._add_model(self._plant)
+        self._plant.Finalize()
+        params = MeshcatVisualizerParams(prefix="visualizer", delete_on_initialization_event=False)
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+        self._diagram = builder.Build()  # it keeps the plant
+        self._diagram.ForcedPublish(self._diagram.CreateDefaultContext())
+        self._context = self._plant.CreateDefaultContext()
         # Collect the moving parts: the visible bodies, and the links.
         bodies = map(self._plant.get_body, self._plant.GetBodyIndices(ModelInstanceIndex(2)))
         self._bodies = [body for body in bodies if self._plant.GetVisualGeometriesForBody(body)]
@@ -229,6 +187,15 @@ class LimbView:
                     link = self._plant.GetBodyByName(f"{prefix}{body}")
                     self._links.append((link, segment, length))
             self.wire_paths += wire_paths(limb, f"{self._model}/{prefix}", self.MODEL)
+        # Add what is drawn through silicone, and the ghosts.
+        if not self._is_planar:
+            self._order_silicone()
+        for level, ghost in enumerate(ghosts):
+            self._add_ghost(ghost, level)
+
+    def _base_pose(self) -> RigidTransform:
+        """Return the pose of the limb's frame (E1, E2, E3), or of a robot's world, in the scene."""
+        return RigidTransform()
 
     def _limbs(self) -> dict[str, LimbParameters]:
         """Return the limbs, by the prefixes of their bodies' names."""
@@ -246,49 +213,20 @@ class LimbView:
         """Set the plant's positions to joint angles (n,) and the pose of the body, if any."""
         self._plant.SetPositions(self._context, joint_angles)
 
-    def _add_surroundings(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
-        """Add the surroundings of bodies that stay between two corners (3,), m, to a scene."""
+    def _add_surroundings(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Add the surroundings of bodies that stay between two corners (3,), m."""
 
-    def _add_plant(self, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
-        """Add a finalized plant with the model to a diagram."""
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-        self._add_model(plant)
-        plant.Finalize()
-        return plant, scene_graph
-
-    def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Put the limb into a scene.
-
-        Args:
-            base_pose: pose of the limb's frame (E1, E2, E3) in the world; the world's origin if
-                None.
-        """
-        self._base_pose = base_pose or RigidTransform()
-        for folder in ("visualizer", "ghosts", "ground"):
-            meshcat.SetTransform(folder, self._base_pose)
-        # Drake publishes the shapes once; later only their poses change.
-        builder = DiagramBuilder()
-        _, scene_graph = self._add_plant(builder)
-        params = MeshcatVisualizerParams(prefix="visualizer", delete_on_initialization_event=False)
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
-        diagram = builder.Build()
-        diagram.ForcedPublish(diagram.CreateDefaultContext())
-        if not self._is_planar:
-            self._order_silicone(meshcat)
-        for level, ghost in enumerate(self._ghosts):
-            self._add_ghost(meshcat, ghost, level)
-
-    def _order_silicone(self, meshcat: Meshcat) -> None:
+    def _order_silicone(self) -> None:
         """Draw links from the tip on: clear silicone then hides parts of the next link in it."""
         order = 0.0
         for name in ("silicone", "joint"):
             for body, _, _ in reversed(self._links):
                 order += 1.0
                 path = f"{self._model}/{body.name()}/{self.MODEL}/{name}"
-                meshcat.SetProperty(f"{path}/<object>", "renderOrder", order)
-                meshcat.SetProperty(f"{path}/<object>", "material.side", 0.0)  # front only
+                self._meshcat.SetProperty(f"{path}/<object>", "renderOrder", order)
+                self._meshcat.SetProperty(f"{path}/<object>", "material.side", 0.0)  # front only
 
-    def _add_ghost(self, meshcat: Meshcat, ghost: Ghost, level: int) -> None:
+    def _add_ghost(self, ghost: Ghost, level: int) -> None:
         """Put a ghost into the scene: a line along the axis, narrower than the ghosts before it.
 
         In space it is visible through the silicone, with the path of its tip. In a plane it is
@@ -298,7 +236,7 @@ class LimbView:
         if not self._is_planar:
             trajectory = ghost.joint_angles
             times = np.linspace(trajectory.start_time(), trajectory.end_time(), 999)
-            self.add_tip_path(meshcat, trajectory.vector_values(times), ghost)
+            self.add_tip_path(trajectory.vector_values(times), ghost)
         for body, segment, length in self._links:
             path = f"ghosts/{ghost.name}/{body.name()}/line"
             radius = (0.12 - 0.05 * level) * segment.thickness
@@ -306,26 +244,20 @@ class LimbView:
             if self._is_planar:
                 height = 0.5 * segment.width + 0.1 * level * segment.thickness
             pose = RigidTransform(_CYLINDER_ALONG_E1, [length / 2, 0.0, height])
-            meshcat.SetObject(path, Cylinder(radius, length), Rgba(*ghost.color))
-            meshcat.SetTransform(path, pose)
+            self._meshcat.SetObject(path, Cylinder(radius, length), Rgba(*ghost.color))
+            self._meshcat.SetTransform(path, pose)
 
-    def add_tip_path(
-        self, meshcat: Meshcat, joint_angles: np.ndarray, ghost: Ghost | None = None
-    ) -> None:
+    def add_tip_path(self, joint_angles: np.ndarray, ghost: Ghost | None = None) -> None:
         """Add a dot at the tip of a limb in space, or of its ghost, for each θ (n, K)."""
         # Make a cloud of points, one for each θ.
         dots = PointCloud(joint_angles.shape[1])
         dots.mutable_xyzs()[:] = tip_position(self._parameters, joint_angles)
         path = f"ghosts/{f'{ghost.name}/' if ghost else ''}tip"
         color = ghost.color if ghost else _rgb(ROLLOUT_COLOR)
-        meshcat.SetObject(path, dots, 0.013 * self._parameters.length, Rgba(*color))
+        self._meshcat.SetObject(path, dots, 0.013 * self._parameters.length, Rgba(*color))
 
     def show(
-        self,
-        meshcat: Meshcat,
-        joint_angles: np.ndarray,
-        time: float,
-        body_pose: np.ndarray | None = None,
+        self, joint_angles: np.ndarray, time: float, body_pose: np.ndarray | None = None
     ) -> None:
         """Move limb and ghosts; a recording by Meshcat shows them at this time, too.
 
@@ -338,22 +270,15 @@ class LimbView:
         self._set_positions(joint_angles, body_pose)
         for body in self._bodies:
             pose = self._plant.EvalBodyPoseInWorld(self._context, body)
-            meshcat.SetTransform(f"{self._model}/{body.name()}", pose, time)
+            self._meshcat.SetTransform(f"{self._model}/{body.name()}", pose, time)
         for ghost in self._ghosts:
             self._set_positions(ghost.joint_angles.value(time)[:, 0], body_pose)
             for body, _, _ in self._links:
                 pose = self._plant.EvalBodyPoseInWorld(self._context, body)
-                meshcat.SetTransform(f"ghosts/{ghost.name}/{body.name()}", pose, time)
+                self._meshcat.SetTransform(f"ghosts/{ghost.name}/{body.name()}", pose, time)
 
-    def set_scene(
-        self,
-        meshcat: Meshcat,
-        joint_angles: np.ndarray,
-        body_pose: np.ndarray | None = None,
-    ) -> None:
+    def set_scene(self, joint_angles: np.ndarray, body_pose: np.ndarray | None = None) -> None:
         """Set the background, the lights, and a camera that shows a whole motion.
-
-        Call it after `add_to`.
 
         Args:
             joint_angles: θ, (n, K), rad.
@@ -366,12 +291,12 @@ class LimbView:
             "/Lights/PointLightNegativeX",
             "/Lights/PointLightPositiveX",
         ):
-            meshcat.SetProperty(path, "visible", False)
+            self._meshcat.SetProperty(path, "visible", False)
         for end in ("top_color", "bottom_color"):
-            meshcat.SetProperty("/Background/<object>", end, [0.975, 0.98, 0.985])
-        meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.5)
-        meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.7)
-        meshcat.SetProperty("/Lights/FillLight/<object>", "position", [*self.LIGHT])
+            self._meshcat.SetProperty("/Background/<object>", end, [0.975, 0.98, 0.985])
+        self._meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.5)
+        self._meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.7)
+        self._meshcat.SetProperty("/Lights/FillLight/<object>", "position", [*self.LIGHT])
 
         # Enclose all bodies and ends of links, however they bend, in a box.
         places = []
@@ -387,11 +312,45 @@ class LimbView:
         margin = 0.1 * max(limb.length for limb in self._limbs().values())
         low = np.min(places, axis=0) - margin
         high = np.max(places, axis=0) + margin
-        self._add_surroundings(meshcat, low, high)
+        self._add_surroundings(low, high)
 
         # Put the camera where it sees the longest side of the box from any direction.
-        center = self._base_pose @ ((low + high) / 2)
+        center = self._base_pose() @ ((low + high) / 2)
         distance = (high - low).max() / 2 / np.tan(_FIELD_OF_VIEW / 2)
         to_eye = np.array(self._to_eye()) / np.linalg.norm(self._to_eye())
-        meshcat.SetProperty("/Cameras/default/rotated/<object>", "fov", np.degrees(_FIELD_OF_VIEW))
-        meshcat.SetCameraPose(center + distance * to_eye, center)
+        self._meshcat.SetProperty(
+            "/Cameras/default/rotated/<object>", "fov", np.degrees(_FIELD_OF_VIEW)
+        )
+        self._meshcat.SetCameraPose(center + distance * to_eye, center)
+
+
+class WireColors(LeafSystem):
+    """A block that colours the wires of a limb in the scene of Drake's MeshcatVisualizer.
+
+    - input 0 ``wire_temperature``: T (W), °C
+    """
+
+    __slots__ = ()  # see limb_systems.drake_python
+
+    def __init__(self, parameters: LimbParameters, meshcat: Meshcat, limb: str = "limb"):
+        """
+        Args:
+            parameters: description of the limb.
+            meshcat: scene in which `AddDefaultVisualization` shows the limb.
+            limb: name of the limb's model instance.
+        """
+        super().__init__()
+        self._parameters = parameters
+        self._meshcat = meshcat
+        path = limb.replace("::", "/")
+        self._paths = wire_paths(parameters, f"illustration/{path}/", path)
+        self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
+        self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
+        self.DeclareForcedPublishEvent(weak_method(self._publish))
+
+    def _publish(self, context) -> None:
+        temperature = self.get_input_port().Eval(context)
+        colors = linear_wire_color(self._parameters, temperature)
+        for paths, color in zip(self._paths, colors, strict=True):
+            for path in paths:
+                self._meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])

@@ -41,8 +41,8 @@ class Curve:
     - ``color``: a colour that is visible on white and on black.
     - ``dash``: "solid", "dashed" or "dotted".
     - ``width``: px.
-    - ``band``: half-width of a band about y (K,), or its lower and upper edge; None for none.
-    - ``marks``: whether the samples are dots that no line joins; the band is then a bar at each.
+    - ``band``: lower and upper edge (K,) of a band about a line; None for none.
+    - ``marks``: whether the samples are dots that no line joins.
     - ``steps``: whether each value holds until the next.
     - ``alpha``: opacity.
     - ``column``: name of the column over "time" that a live page adds samples to; else empty.
@@ -54,7 +54,7 @@ class Curve:
     color: str
     dash: str = "solid"
     width: float = 1.5
-    band: np.ndarray | tuple[np.ndarray, np.ndarray] | None = None
+    band: tuple[np.ndarray, np.ndarray] | None = None
     marks: bool = False
     steps: bool = False
     alpha: float = 1.0
@@ -162,13 +162,13 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
         if not recordings:
             return []
         samples = [_in_unit(signal, getattr(recording, signal)[row]) for recording in recordings]
-        time, mean, half_width = mean_and_half_width(recordings, samples)
+        time, mean, half_width = _mean_and_half_width(recordings, samples)
         if signal == "duty":
             is_drawn = time < last_duty_time
             time = time[is_drawn]
             mean = mean[is_drawn]
             half_width = half_width[is_drawn]
-        band = half_width if len(recordings) > 1 else None
+        band = (mean - half_width, mean + half_width) if len(recordings) > 1 else None
         return [Curve(f"{wire}{names[signal]}", time, mean, color, band=band)]
 
     # Draw the limits from the times on at which they hold.
@@ -358,15 +358,10 @@ def repetition_panels(
     return panels
 
 
-def mean_and_half_width(
+def _mean_and_half_width(
     recordings: Sequence[Recording], samples: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times, mean and half-width of the 95% band of rollouts, as long as the shortest.
-
-    Args:
-        recordings: one or more, all with the same sample rate; times are the first's.
-        samples: one signal in each recording.
-    """
+    """Return times, mean and half-width of the 95% band of a signal, as long as the shortest."""
     length = min(len(sample) for sample in samples)
     # Leave out missing samples; where all rollouts miss a sample there is a gap.
     masked = np.ma.masked_invalid([sample[:length] for sample in samples])

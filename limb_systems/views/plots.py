@@ -159,14 +159,8 @@ def _draw_curve(axis: Axes, curve: Curve, has_label: bool) -> None:
         drawstyle = "steps-post" if curve.steps else "default"
         style["solid_capstyle"] = "butt"  # wide lines are bars
         axis.plot(x, y, linestyle=curve.dash, drawstyle=drawstyle, **style)
-    # Draw the band as bars or an area.
-    if curve.band is None:
-        return
-    low, high = curve.band if isinstance(curve.band, tuple) else (y - curve.band, y + curve.band)
-    if curve.marks:
-        axis.vlines(x, low, high, color=curve.color, linewidth=POINTS_PER_PIXEL * 1.5)
-    else:
-        axis.fill_between(x, low, high, color=curve.color, alpha=0.2 * curve.alpha, lw=0)
+    if curve.band:
+        axis.fill_between(x, *curve.band, color=curve.color, alpha=0.2 * curve.alpha, lw=0)
 
 
 def _typeset(text: str) -> str:

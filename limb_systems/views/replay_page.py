@@ -7,10 +7,12 @@ import html
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
+from limb_systems.connected_limbs import connected
 from limb_systems.errors import LimbError
 from limb_systems.files.output import write_atomically
 from limb_systems.files.recording import Recording
@@ -23,31 +25,17 @@ from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
     WIRE_COLORS,
     Ghost,
+    LimbView,
     ghost_of_reference,
-    ghosts_of_plan,
     joint_angle_trajectory,
     linear_wire_color,
-    view_of,
 )
 from limb_systems.views.template import template
 
 
-def write_meshcat_replay(
-    path: str | Path,
-    motion: Recording | Planned,
-    *,
-    plan: Trajectory | None = None,
-    title: str = "",
-    frames_per_second: float = 20.0,
-) -> None:
-    """Write a page that replays a motion in 3D, over and over, in any browser; see `replay_page`.
-
-    Args:
-        path: the HTML file, which is written whole or not at all.
-        motion, plan, title, frames_per_second: arguments of `replay_page`.
-    """
-    page = replay_page(motion, plan=plan, title=title, frames_per_second=frames_per_second)
-    write_atomically(path, page)
+def write_meshcat_replay(path: str | Path, motion: Recording | Planned, **options: Any) -> None:
+    """Write the page of `replay_page`, with its options, whole or not at all."""
+    write_atomically(path, replay_page(motion, **options))
 
 
 def replay_page(
@@ -97,6 +85,8 @@ def replay_page(
     motion = motion.for_replay()
     parameters = motion.parameters
     robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
+    if robot and plan is not None:
+        raise LimbError("A robot is shown without a plan; leave the plan out.")
     in_space = not (robot or motion.model.layout.is_planar)
     start, end = motion.time[[0, -1]]
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
@@ -118,13 +108,12 @@ def replay_page(
     ghost_angles = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
 
     # Record the frames in a scene.
-    view = view_of(robot or parameters, ghosts)
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
-    view.add_to(meshcat)
-    view.set_scene(meshcat, np.hstack([angles, *ghost_angles]), pose)
+    view = connected("view")(meshcat, robot) if robot else LimbView(meshcat, parameters, ghosts)
+    view.set_scene(np.hstack([angles, *ghost_angles]), pose)
     if in_space:
-        view.add_tip_path(meshcat, angles)
+        view.add_tip_path(angles)
     meshcat.StartRecording(rate)
     animation = meshcat.get_mutable_recording()
     animation.set_repetitions(1_000_000)
@@ -132,14 +121,14 @@ def replay_page(
     for frame in range(len(times)):
         time = (frame + 1e-6) / rate  # Drake rounds down
         frame_pose = None if pose is None else pose[:, frame]
-        view.show(meshcat, angles[:, frame], time, frame_pose)
+        view.show(angles[:, frame], time, frame_pose)
         for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
                 animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
     meshcat.PublishRecording()
     page = meshcat.StaticHtml()
-    del meshcat, animation
+    del meshcat, animation, view
     gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
 
     # Collect the numbers that the caption shows in each frame: bends, pose, heat and duty.
@@ -179,16 +168,34 @@ def replay_page(
 
 
 def _ghosts_beside(motion: Recording | Planned, plan: Trajectory | None) -> list[Ghost]:
-    """Return the ghosts of a motion, over the time since the motion's start."""
+    """Return ghosts of the plan and its reference, or of a motion's own reference.
+
+    Their time counts from the motion's start. Raise LimbError if the plan is for another shape.
+    """
     if plan is not None:
+        if _shape(plan.parameters) != _shape(motion.parameters):
+            raise LimbError(
+                "The plan is for a limb of other segments than the motion's; they cannot be shown "
+                "together."
+            )
         # The time of a recording counts from the start of its plan.
         start = motion.time[0] if isinstance(motion, Recording) else 0.0
-        return ghosts_of_plan(motion.parameters, plan, start)
-    if motion.robot or not isinstance(motion, Recording | Trajectory) or motion.reference is None:
+        plan = plan.since_start()
+        ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
+    elif motion.robot or not isinstance(motion, Recording | Trajectory) or motion.reference is None:
         return []
-    ghost = ghost_of_reference(motion)
-    ghost.joint_angles.shiftRight(-motion.time[0])
-    return [ghost]
+    else:
+        start = motion.time[0]
+        ghosts = [ghost_of_reference(motion)]
+    for ghost in ghosts:
+        ghost.joint_angles.shiftRight(-start)
+    return ghosts
+
+
+def _shape(parameters: LimbParameters) -> list[tuple]:
+    """Return the links and sizes of all segments."""
+    names = ("links", "length", "thickness", "width", "axes", "twists", "centred_joints")
+    return [tuple(getattr(segment, name) for name in names) for segment in parameters.segments]
 
 
 def _places_in_words(parameters: LimbParameters) -> str:

@@ -5,7 +5,6 @@ import contextlib
 import itertools
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from calibration import (
@@ -33,6 +32,7 @@ from soft_limb.commands.logs import EXIT_QUESTIONS, fit_command, shell_command
 from soft_limb.commands.options import (
     Command,
     Option,
+    checked_outputs,
     live_page,
     print_summary,
     save_panels,
@@ -73,14 +73,19 @@ def _collect(options: argparse.Namespace) -> int:
                 link.sample()
     # Record one limb after the other.
     written: list[Path] = []
+    all_are_heated = True
     if robot:
         robot.save(options.output / ROBOT_FILE)
         written.append(options.output / ROBOT_FILE)
     with live_page(options) as live:
         for name, limb in limbs.items():
-            written += _collect_limb(options, limb, robot, name, live)
-    # Print the command that fits the limbs.
-    summary = _next_step(options.output, [*folders.values()])
+            recordings, paths = _collect_limb(options, limb, robot, name, live)
+            written += paths
+            if not select_usable(recordings).heated:
+                all_are_heated = False
+    # Print the command that fits the limbs, unless a limb has no heated wire.
+    line = fit_command(options.output, "robot_calibrated" if robot else "limb")
+    summary = Summary.of({"next": line if all_are_heated else ""}, {})
     print_summary(options, summary, None if options.port else written)
     return 0
 
@@ -91,8 +96,12 @@ def _collect_limb(
     robot: ConnectedLimbs | None,
     name: str,
     live: LiveView | None,
-) -> list[Path]:
-    """Record one limb, of a robot if it has a name; return the files of an emulated limb."""
+) -> tuple[dict[str, list[Recording]], list[Path]]:
+    """Record one limb, of a robot if it has a name.
+
+    Returns:
+        Its recordings by kind, and the files of an emulated limb.
+    """
     prefix = f"{name}: " if name else ""
     folder = options.output / name
     settings = {
@@ -113,7 +122,7 @@ def _collect_limb(
                 lambda request: _ask_operator(f"{prefix}{request}", live),
                 **settings,
             )
-            return []
+            return read_folder(folder)[0], []
         # Record an emulated limb.
         if robot:
             specimen = connected("specimen")(robot, options.emulated, options.extra).limb(name)
@@ -121,7 +130,8 @@ def _collect_limb(
         else:
             physics = {"extra": options.extra, "physics": options.physics}
             twin = LimbTwin(limb, seed=options.emulated, **physics)
-        return save_recordings(collect_from_twin(twin, **settings), folder)
+        recordings = collect_from_twin(twin, **settings)
+        return recordings, save_recordings(recordings, folder)
 
 
 def _port(options: argparse.Namespace, name: str) -> str:
@@ -151,16 +161,6 @@ def _limbs_to_record(
             "leave --physics out."
         )
     return {name: robot.limb_alone(name) for name in names if name in (options.port or names)}
-
-
-def _next_step(folder: Path, limb_folders: Sequence[Path]) -> Summary:
-    """Return the command that fits the limbs to a folder; empty if a limb has no heated wire."""
-    name = "limb" if list(limb_folders) == [folder] else "robot_calibrated"
-    line = fit_command(folder, name)
-    for limb_folder in limb_folders:
-        if not select_usable(read_folder(limb_folder)[0]).heated:
-            line = ""
-    return Summary.of({"next": line}, {})
 
 
 def _ask_operator(request: str, live: LiveView | None) -> None:
@@ -284,15 +284,7 @@ def _recorded_robot(options: argparse.Namespace) -> ConnectedLimbs | None:
 
 def _validate(options: argparse.Namespace) -> int:
     # Check and load the files.
-    outputs = [options.plot, options.report]
-    inputs = [options.limb, options.recording]
-    check_outputs(
-        outputs,
-        inputs=inputs,
-        pictures=[options.plot],
-        pages=[options.report],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.limb, options.recording)
     limb = LimbParameters.load(options.limb)
     recording = Recording.load(options.recording)
     check_recording(recording)

@@ -5,14 +5,25 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from serial.tools import list_ports
 
 from controllers.learner import Repetition
-from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
+from hardware import (
+    BoardInfo,
+    BoardLink,
+    LimbTwin,
+    ReplayError,
+    Sample,
+    SerialLimb,
+    present_readings,
+    watch,
+)
 from hardware.board import board_check
 from hardware.board.arm_check import check_supply, check_wires
+from hardware.board.journal import closing
 from hardware.board.link import SerialPort, check_port_exists
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
@@ -38,6 +49,7 @@ from soft_limb.commands.options import (
     Command,
     Option,
     checked_outputs,
+    count,
     live_page,
     print_duration,
     print_summary,
@@ -47,14 +59,13 @@ from soft_limb.commands.options import (
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
-from soft_limb.runs.plan_run import (
-    FOLLOW_FILES,
-    NAMED_REFERENCES,
-    load_task,
-    plan_and_follow,
-)
+from soft_limb.runs.plan_run import NAMED_REFERENCES, load_task, plan_from_files
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
 
+if TYPE_CHECKING:
+    from soft_limb.live_page import LivePage
+
+FOLLOW_FILES = ("plan.csv", "recording.csv", "report.html")
 SIMULATION_SPEED = 20.0  # times real time, for an emulated limb on an idle computer
 MAX_TEACHING_TIME = 3600.0  # s
 NO_SUPPLY = 0.0  # V, the answer for a board whose supply heats no wire
@@ -140,7 +151,9 @@ def _arm_check(options: argparse.Namespace) -> int:
 
     # Heat no wire before the supply and the thermal cut-off are confirmed.
     voltage, cut_off = _supply_answers(options)
-    passed = check_supply(parameters, voltage, cut_off, add_check)
+    for is_good, sentence in check_supply(parameters, voltage, cut_off):
+        add_check(is_good, sentence)
+    passed = all(check["passed"] for check in checks)
     if passed:
         with BoardLink(options.port, parameters) as link:
             passed = check_wires(link, add_check, parameters)
@@ -156,12 +169,8 @@ def _read_answer(question: str) -> str:
 
 
 def _supply_answers(options: argparse.Namespace) -> tuple[float | None, bool | None]:
-    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers.
-
-    Raises:
-        HardwareError: if there is no such port: nobody is asked in vain.
-    """
-    check_port_exists(options.port)
+    """Return the supply's voltage, V, and whether there is a cut-off; None if nobody answers."""
+    check_port_exists(options.port)  # else a person is asked in vain
     voltage = options.supply
     cut_off = options.cut_off
     # Ask at a terminal what the options do not say.
@@ -211,14 +220,10 @@ def _board_check(options: argparse.Namespace) -> int:
     # Heat no wire before the supply and the thermal cut-off are confirmed.
     parameters = LimbParameters.of(options.limb)
     voltage, cut_off = _supply_answers(options)
-    refusals: list[str] = []
-
-    def note_refusal(passed: bool, sentence: str) -> None:
-        if not passed:
-            refusals.append(sentence)
-
-    if voltage != NO_SUPPLY and not check_supply(parameters, voltage, cut_off, note_refusal):
-        raise LimbError(f"The board is not checked: {'; '.join(refusals)}.")
+    if voltage != NO_SUPPLY:
+        answers = check_supply(parameters, voltage, cut_off)
+        if refusals := [sentence for is_good, sentence in answers if not is_good]:
+            raise LimbError(f"The board is not checked: {'; '.join(refusals)}.")
     # Run all cases, and count the outcomes.
     with SerialPort(options.port) as cable:
         host = board_check.Host(cable, parameters)
@@ -235,31 +240,45 @@ def _board_check(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    # Check the files before the run.
     outputs = checked_outputs(options, options.trajectory)
     trajectory = Trajectory.load(options.trajectory)
-    # Drive the limb.
     with live_page(options) as live:
         if live:
             live.say(f"Replay of {options.trajectory}, controller {options.controller}")
-        rollout = roll_out(
-            trajectory,
-            lambda: _limb(trajectory.parameters, options),
-            options.output,
-            controller=options.controller,
-            real_time=bool(options.port),
-            live=live,
-        )
-        # Write picture and report while the page still shows the run.
-        summary = rollout.summary()
-        save_panels(tracking_panels(trajectory, [rollout.recording]), options.plot)
-        if options.report:
-            data = {"plan": options.trajectory, "recording": options.output}
-            write_rollout_report(rollout, summary, options.report, data)
-        print_summary(options, summary, outputs)
-        if live:
-            live.end(rollout.recording.interrupted or DONE)
-    return 1 if rollout.recording.interrupted else 0  # an emulated limb may cut out
+        data = {"plan": options.trajectory, "recording": options.output}
+        return _drive(options, trajectory, data, options.report, outputs, live)
+
+
+def _drive(
+    options: argparse.Namespace,
+    trajectory: Trajectory,
+    data: dict[str, Path],
+    report: Path | None,
+    outputs: list[Path | None],
+    live: "LivePage | None",
+) -> int:
+    """Drive a limb along a plan, write and print the results, and return the exit status.
+
+    ``data`` has the files of the plan and of the recording to write.
+    """
+    rollout = roll_out(
+        trajectory,
+        lambda: _limb(trajectory.parameters, options),
+        data["recording"],
+        controller=options.controller,
+        real_time=bool(options.port),
+        live=live,
+    )
+    # Write picture and report while the page still shows the run.
+    recording = rollout.recording
+    summary = rollout.summary()
+    save_panels(tracking_panels(trajectory, [recording]), vars(options).get("plot"))
+    if report:
+        write_rollout_report(rollout, summary, report, data)
+    print_summary(options, summary, outputs)
+    if live:
+        live.end(recording.interrupted or DONE)
+    return 1 if recording.interrupted else 0  # an emulated limb may cut out
 
 
 def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
@@ -292,35 +311,41 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
 
 def _follow(options: argparse.Namespace) -> int:
     # Check the files, and load limb and task.
-    outputs = [options.output / name for name in FOLLOW_FILES]
+    plan_file, recording_file, report = (options.output / name for name in FOLLOW_FILES)
+    outputs = [plan_file, recording_file, report]
     inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
-    task = options.task and load_task(options.task, limb)
-    # Plan, and drive the limb.
+    task = load_task(options.task or "closed-loop", limb)
     with live_page(options) as live:
-        rollout, summary = plan_and_follow(
+
+        def begin_step(step: str) -> None:
+            print(step, file=sys.stderr, flush=True)
+            if live:
+                live.say(step)
+
+        # Plan from the present temperatures of the wires.
+        begin_step(f"Planning {options.reference}")
+        resting_limb = _limb(limb, options)
+        with closing(resting_limb):
+            start = present_readings(resting_limb)
+        trajectory = plan_from_files(
             options.reference,
-            lambda planned: _limb(planned, options),
-            options.output,
-            limb=limb,
+            limb,
+            options.smooth,
+            start=start,
             task=task,
             knot_rate=options.knot_rate,
-            smoothing_time=options.smooth,
-            controller=options.controller,
-            real_time=bool(options.port),
-            announce=lambda step: print(step, file=sys.stderr, flush=True),
-            live=live,
         )
-        print_summary(options, summary, outputs)
-        if live:
-            live.end(rollout.recording.interrupted or DONE)
-    return 1 if rollout.recording.interrupted else 0
+        trajectory.save(plan_file)
+        # Drive the limb along the plan.
+        duration = f"{trajectory.duration:g} s"
+        begin_step(f"Following {options.reference} for {duration}, controller {options.controller}")
+        data = {"plan": plan_file, "recording": recording_file}
+        return _drive(options, trajectory, data, report, [*outputs], live)
 
 
 def _learn(options: argparse.Namespace) -> int:
-    if options.repetitions < 1:
-        raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     # Continue an earlier run in this folder, or begin.
     trajectory = Trajectory.load(options.trajectory)
     folder = options.output
@@ -337,14 +362,14 @@ def _learn(options: argparse.Namespace) -> int:
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
     # Say how long it takes.
-    count = options.repetitions
-    each = f"{count} repetition{'s' * (count > 1)} of {trajectory.duration:g} s"
+    number = options.repetitions
+    each = f"{number} repetition{'s' * (number > 1)} of {trajectory.duration:g} s"
     if options.port:
         print_duration(f"{each}, with a rest of some minutes after each, until the wires are cool")
     elif options.live:
         print_duration(f"{each}, in real time")
     else:
-        about = count * trajectory.duration / SIMULATION_SPEED
+        about = number * trajectory.duration / SIMULATION_SPEED
         print_duration(f"about {max(1.0, about):.0f} s for {each}")
     # Repeat with a limb that has rested before each repetition.
     limbs: Callable[[], LimbSystem]
@@ -357,7 +382,7 @@ def _learn(options: argparse.Namespace) -> int:
             else:
                 twin = _twin(trajectory.parameters, options)
                 limbs = repetitions.make_rested_twins(twin, trajectory, learner)
-            repetitions.repeat(learner, limbs, count, folder, announce=print_repetition, live=live)
+            repetitions.repeat(learner, limbs, number, folder, announce=print_repetition, live=live)
     except LimbError:
         repetitions.report_repetitions(learner, folder)
         raise
@@ -526,7 +551,7 @@ COMMANDS = {
             Option(
                 "-n",
                 "--repetitions",
-                type=int,
+                type=count,
                 default=10,
                 help="repetitions in total, including earlier runs (default %(default)s)",
             ),

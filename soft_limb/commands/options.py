@@ -225,12 +225,12 @@ def checked_outputs(options: argparse.Namespace, *inputs: Path | str | None) -> 
     """
     given = vars(options)
     pictures = [given.get("plot"), given.get("diagnostics")]
-    outputs = [options.output, *pictures, given.get("report")]
+    outputs = [given.get("output"), *pictures, given.get("report")]
     check_outputs(
         outputs,
         inputs=[Path(name) for name in inputs if name],
         pictures=pictures,
-        tables=[options.output],
+        tables=[given.get("output")],
         pages=[given.get("report")],
         force=options.force,
     )

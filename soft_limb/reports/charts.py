@@ -157,10 +157,8 @@ def _draw_curve(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> 
         return [draw_line("time", curve.column, source=stream, **line, **style)]
     # Choose the points of curve and band.
     columns = {"x": curve.x, "y": curve.y}
-    if isinstance(curve.band, tuple):
+    if curve.band:
         columns["low"], columns["high"] = curve.band
-    elif curve.band is not None:
-        columns["low"], columns["high"] = curve.y - curve.band, curve.y + curve.band
     kept = _drawn_indices(np.asarray(curve.y))
     # Single precision is enough for any sensor, and halves the size of the page.
     style["source"] = ColumnDataSource(
@@ -168,9 +166,7 @@ def _draw_curve(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> 
     )
     # Draw the band below the curve.
     drawn = []
-    if curve.band is not None and curve.marks:
-        drawn.append(plot.segment("x", "low", "x", "high", line_width=1.5, **style))
-    elif curve.band is not None:
+    if curve.band:
         drawn.append(plot.varea("x", "low", "high", **(style | {"alpha": 0.2 * curve.alpha})))
     if curve.marks:
         drawn.append(plot.scatter("x", "y", size=4 * curve.width, **style))

@@ -7,12 +7,11 @@ import base64
 import dataclasses
 import functools
 import io
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -50,13 +49,7 @@ def write_page(
     provenance: Provenance | None = None,
     data: Mapping[str, str | Path] | None = None,
 ) -> None:
-    """Write a page with links to its data. An error leaves no incomplete file.
-
-    Args:
-        path: the HTML file.
-        title, parts, provenance: as for `make_page`.
-        data: files that the page links to, by their descriptions in plain text.
-    """
+    """Write the page of `make_page`, with links to files of data by descriptions in plain text."""
     if data:
         folder = Path(path).parent
         links = {}
@@ -127,24 +120,14 @@ def facts(summary: Summary) -> Markup:
 
 
 def chart(panels: Sequence[Panel], description: str) -> Markup:
-    """Return panels as an interactive chart; equal panels give equal bytes."""
+    """Return panels as an interactive chart."""
     # Importing Bokeh takes as long as importing everything else.
     from bokeh.embed import json_item
 
     from soft_limb.reports import charts
 
-    numbers: dict[str, str] = {}
-
-    def renumber(model: dict[str, Any]) -> dict[str, Any]:
-        """Number a model within this chart: Bokeh numbers all models since its import."""
-        if "id" in model:
-            model["id"] = numbers.setdefault(model["id"], f"p{len(numbers)}")
-        return model
-
-    # Number the models, and let the page choose the element to draw in.
-    item = json.loads(json.dumps(json_item(charts.chart(panels))), object_hook=renumber)
-    item["root_id"] = numbers[item["root_id"]]
-    item["target_id"] = None
+    item = json_item(charts.chart(panels))
+    item["target_id"] = None  # the page chooses the element to draw in
     return part("chart", item, description)
 
 

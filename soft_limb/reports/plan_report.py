@@ -36,14 +36,7 @@ def write_plan_report(
     path: str | Path,
     data: Mapping[str, str | Path],
 ) -> None:
-    """Write one HTML page: verdict, chart, solution, limits, and the limb.
-
-    Args:
-        trajectory: the plan; the page counts time from its start.
-        summary: its `plan_summary`.
-        path: path of the page.
-        data: files that the page links to, by their descriptions.
-    """
+    """Write one HTML page of a plan and its `plan_summary`; ``data`` as for `page.write_page`."""
     trajectory = trajectory.since_start()
     # Put the limits of the program into words.
     limits = trajectory.parameters.temperature_limits
@@ -82,13 +75,7 @@ def rollout_verdict(rollout: Rollout, summary: Summary) -> str:
 def write_rollout_report(
     rollout: Rollout, summary: Summary, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
-    """Write one HTML page: verdict, chart of plan and recording, facts and links to the data.
-
-    Args:
-        summary: the `Rollout.summary`, or a summary with more entries.
-        path: path of the page.
-        data: files that the page links to, by their descriptions.
-    """
+    """Write one HTML page of a rollout and its summary; ``data`` as for `page.write_page`."""
     panels = tracking_panels(rollout.trajectory, [rollout.recording])
     parts: list[page.Part] = [
         page.verdict(rollout_verdict(rollout, summary)),
@@ -121,7 +108,6 @@ def write_learning_report(
     Args:
         recordings: one or more files of repetitions, by the numbers of the repetitions.
         state: file of the learner.
-        path: path of the page.
     """
     # List the errors of all repetitions.
     distances = []

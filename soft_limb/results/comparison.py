@@ -1,7 +1,9 @@
 """The differences between results, in origin, parameters and signals, ready to print or draw."""
 
 import dataclasses
+import functools
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,13 +17,14 @@ from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import CalibrationRecord
 from limb_systems.tracking import ReferenceDistances, reference_distances
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
-from limb_systems.views.panels import SIGNALS, Curve, Panel
+from limb_systems.views.panels import SIGNALS, Curve, Panel, measured_panels
 from planners import nearest_bend_angle
 from soft_limb.reports import page
 from soft_limb.results.read_result import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
 
 NO_VALUE = "-"  # in place of a value that a run does not have
+ROUNDING_ERROR = 1e-9  # relative; solvers of equal problems end with such differences
 MAX_TEXT_LENGTH = 60  # characters of a value in a table
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _STYLES = tuple(itertools.product((1.5, 3.0), ("solid", "dashed", "dotted", "dashdot")))  # of wires
@@ -61,12 +64,7 @@ class Change:
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """The difference between a signal of a run and the signal of the first run.
-
-    - ``run``: number of the run, from 0 on.
-    - ``signal``, ``unit``: name and unit, such as "bend_angle" in degrees.
-    - ``mean``, ``median``, ``percentile_90``: statistics of the absolute difference.
-    """
+    """The absolute difference of a signal of run ``run``, counted from 0, from the first run."""
 
     run: int
     signal: str
@@ -77,17 +75,17 @@ class Difference:
 
 
 @dataclasses.dataclass(frozen=True)
-class Curves:
-    """The signals of a run over time, by name, in degrees and °C.
+class RunSignals:
+    """The signals of a run by name, in degrees and °C.
 
-    - ``time``, ``signals``: times since the start of the plan (K,), s, and values (rows, K).
-    - ``common``, ``differences``: times (M,), s, and differences from the first run (rows, M);
-      empty for the first.
+    - ``time``: times since the start of the plan (K,), s.
+    - ``values``: signals (rows, K).
+    - ``differences``: differences from the first run (rows, K), nan at times that the first run
+      does not have; empty for the first run.
     """
 
     time: np.ndarray
-    signals: dict[str, np.ndarray]
-    common: np.ndarray
+    values: dict[str, np.ndarray]
     differences: dict[str, np.ndarray]
 
 
@@ -100,17 +98,17 @@ class Comparison:
     - ``differences``: differences of the signals of the other runs from the first.
     - ``distances``: mean distances of each recording from the reference, by the number of the
       run; empty unless there is exactly one plan.
-    - ``curves``: signals of each run.
+    - ``runs``: signals of each run; empty for limbs.
     """
 
     results: Sequence[ResultFile]
     changes: list[Change]
     differences: list[Difference]
     distances: dict[int, ReferenceDistances]
-    curves: list[Curves]
+    runs: list[RunSignals]
 
     def to_json(self) -> dict[str, Any]:
-        """Return all but the curves, for JSON."""
+        """Return all but the signals, for JSON."""
         return {
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
@@ -209,25 +207,22 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         return Comparison(results, changes, [], {}, [])
     # Compare the signals of plans and recordings.
     _check_shapes(results)
-    curves = _curves([result.value for result in results])
+    runs = _signals_of_runs([result.value for result in results])
     differences = []
-    for run, run_curves in enumerate(curves[1:], 1):
-        for name, values in run_curves.differences.items():
+    for number, run in enumerate(runs):
+        for name, values in run.differences.items():
             size = np.abs(values)
-            numbers = [size.mean(), np.median(size), np.percentile(size, 90)]
-            differences.append(Difference(run, name, SIGNALS[name].unit, *map(float, numbers)))
-    return Comparison(results, changes, differences, _distances(results), curves)
+            numbers = [np.nanmean(size), np.nanmedian(size), np.nanpercentile(size, 90)]
+            differences.append(Difference(number, name, SIGNALS[name].unit, *map(float, numbers)))
+    return Comparison(results, changes, differences, _distances(results), runs)
 
 
 def flattened(value: Any, unit: str = "", name: str = "") -> dict[str, tuple[Any, str]]:
     """Return all numbers and texts of a limb or robot with units, by names like "right.law.a1".
 
     Wires go by their names, and segments by their numbers if there are several. A calibration
-    contributes its prediction errors; its fitted values are those in the laws.
-
-    Args:
-        value: the limb or robot, or a part of it.
-        unit, name: unit and name of the part.
+    contributes its prediction errors; its fitted values are those in the laws. A part of a limb has
+    a unit and a name.
     """
     leaves: dict[str, tuple[Any, str]] = {}
     # Fields of a dataclass, without fitted values and without rare fields at their default.
@@ -273,12 +268,17 @@ def _changed(runs: Sequence[dict[str, tuple[Any, str]]]) -> list[Change]:
     changes = []
     for name in dict.fromkeys(itertools.chain.from_iterable(runs)):
         values = [run[name][0] if name in run else None for run in runs]
-        first = values[0]
-        # Two NaN count as equal.
-        if any(value != first and (value == value or first == first) for value in values):
+        if not all(_is_equal(value, values[0]) for value in values):
             unit = next(run[name][1] for run in runs if name in run)
             changes.append(Change(name, unit, values))
     return changes
+
+
+def _is_equal(value: Any, other: Any) -> bool:
+    """Return True for equal values; numbers are equal up to rounding, and NaN equals NaN."""
+    if _is_number(value) and _is_number(other):
+        return math.isclose(value, other, rel_tol=ROUNDING_ERROR)
+    return value == other or (value != value and other != other)
 
 
 def _is_number(value: Any) -> bool:
@@ -303,29 +303,31 @@ def _check_shapes(results: Sequence[ResultFile]) -> None:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
 
 
-def _curves(runs: Sequence[Recording | Trajectory]) -> list[Curves]:
-    """Return the signals of all runs, and their differences from the first at their samples."""
+def _signals_of_runs(runs: Sequence[Recording | Trajectory]) -> list[RunSignals]:
+    """Return the signals of all runs, and their differences from the first."""
     runs = [run.since_start() if isinstance(run, Trajectory) else run for run in runs]
-    curves: list[Curves] = []
+    start, end = runs[0].time[[0, -1]]
+    signals = []
     for number, run in enumerate(runs):
-        # Find the samples in the time of the first run.
-        time, signals = _signals(run)
-        common = (time >= runs[0].time[0]) & (time <= runs[0].time[-1]) & (number > 0)
-        if number and not common.any():
-            raise ComparisonError(
-                f"Run {number + 1} lasts from {time[0]:g} s to {time[-1]:g} s, and the first from "
-                f"{runs[0].time[0]:g} s to {runs[0].time[-1]:g} s: they have no time in common."
-            )
-        # Round, so that rounding errors do not look like differences in a chart.
-        first = _interpolated_signals(runs[0], time[common])
+        time, values = _usable_signals(run)
         differences = {}
-        for name, values in signals.items():
-            differences[name] = np.round(values[:, common] - first[name], 9)
-        curves.append(Curves(time, signals, time[common], differences))
-    return curves
+        if number:
+            # Find the samples in the time of the first run.
+            is_common = (time >= start) & (time <= end)
+            if not is_common.any():
+                raise ComparisonError(
+                    f"Run {number + 1} lasts from {time[0]:g} s to {time[-1]:g} s, and the first "
+                    f"from {start:g} s to {end:g} s: they have no time in common."
+                )
+            # Round, so that rounding errors do not look like differences in a chart.
+            for name, first_values in _interpolated_signals(runs[0], time).items():
+                difference = np.round(values[name] - first_values, 9)
+                differences[name] = np.where(is_common, difference, np.nan)
+        signals.append(RunSignals(time, values, differences))
+    return signals
 
 
-def _signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _usable_signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the times of the usable samples, and the signals there, in degrees and °C."""
     usable = run.usable if isinstance(run, Recording) else np.ones(len(run.time), bool)
     signals = {
@@ -338,11 +340,11 @@ def _signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndar
 
 def _interpolated_signals(run: Recording | Trajectory, times: np.ndarray) -> dict[str, np.ndarray]:
     """Return the signals of a run at given times, in degrees and °C."""
-    time, signals = _signals(run)
+    time, signals = _usable_signals(run)
     interpolated = {}
     for name, values in signals.items():
         interpolated[name] = np.array([np.interp(times, time, row) for row in values])
-    if isinstance(run, Trajectory) and len(times):
+    if isinstance(run, Trajectory):
         # A plan is cubic between knots.
         interpolated["bend_angle"] = np.rad2deg(run.bend_angle_at(times))
     return interpolated
@@ -363,7 +365,7 @@ def _distances(results: Sequence[ResultFile]) -> dict[int, ReferenceDistances]:
 
 def _texts(values: Sequence[Any]) -> list[str]:
     """Return values as texts, numbers with three digits, or more if different values need more."""
-    for digits in (3, 6, 9, 17):
+    for digits in (3, 6, 9, 12):
         texts = [_text(value, digits) for value in values]
         if len(set(texts)) == len(set(map(str, values))):
             break
@@ -397,7 +399,7 @@ def comparison_page(comparison: Comparison) -> str:
         runs.append([name, result.kind, by, made.time if made else ""])
     parts: list[page.Part] = [page.section("Runs", page.table(["", "kind", "made by", "at"], runs))]
     # Add the differences of their signals.
-    if comparison.curves:
+    if comparison.runs:
         tables = []
         for title, (header, *rows) in comparison.tables().items():
             tables.append(page.table(header, rows, f"{title[0].upper()}{title[1:]}."))
@@ -415,41 +417,28 @@ def comparison_page(comparison: Comparison) -> str:
 
 
 def _panels(comparison: Comparison) -> list[Panel]:
-    """Return a panel for each bend and each segment's wires, each above a panel of differences."""
-    results = comparison.results
-    names = comparison.names
-    parameters = results[0].value.parameters
-    layout = LimbModel.of(parameters).layout
-    # List the panels: name of the signal, its rows, suffix of the title.
-    drawn: list[tuple[str, list[int], str]] = []
-    for bends, wires, suffix in zip(
-        layout.bends_of, layout.wires_of, parameters.segment_suffixes, strict=True
-    ):
-        for bend in range(bends.start, bends.stop):
-            drawn.append(("bend_angle", [bend], parameters.bend_suffixes[bend]))
-        wire_rows = list(range(wires.start, wires.stop))
-        drawn += [("measured_temperature", wire_rows, suffix), ("duty", wire_rows, suffix)]
-    # Draw the runs in their colours and the wires in their styles.
-    panels = []
-    for signal, rows, suffix in drawn:
+    """Return the panels of all runs, each above a panel of the differences from the first run."""
+
+    def curves(kind: str, signal: str, row: int, wire: str, _color: str) -> list[Curve]:
+        """Return the curves of a signal's row: runs have colours, and wires have styles."""
         is_bend = signal == "bend_angle"
-        values = _references(results, rows[0]) if is_bend else []
-        differences = []
-        for number, curves in enumerate(comparison.curves):
-            color = _COLORS[number % len(_COLORS)]
-            for row, (width, dash) in zip(rows, itertools.cycle(_STYLES), strict=False):
-                wire = "" if is_bend else f", {parameters.wire_names[row]}"
-                name = names[number] + wire
-                value = curves.signals[signal][row]
-                values.append(Curve(name, curves.time, value, color, dash, width))
-                if number:
-                    difference = curves.differences[signal][row]
-                    differences.append(Curve(name, curves.common, difference, color, dash, width))
-        # Put the differences below the values.
-        kind = SIGNALS[signal]
-        panels.append(kind.panel(values, suffix, y_range=None))
-        unit = f" ({kind.unit})" * bool(kind.unit)
-        panels.append(Panel(f"Δ{kind.symbol}{unit}", differences, height=170))
+        width, dash = _STYLES[0 if is_bend else row % len(_STYLES)]
+        drawn = _references(comparison.results, row) if is_bend and kind == "values" else []
+        for number, run in enumerate(comparison.runs):
+            if rows := getattr(run, kind):
+                name = f"{wire}{comparison.names[number]}"
+                color = _COLORS[number % len(_COLORS)]
+                drawn.append(Curve(name, run.time, rows[signal][row], color, dash, width))
+        return drawn
+
+    parameters = comparison.results[0].value.parameters
+    values = measured_panels(parameters, functools.partial(curves, "values"), None)
+    differences = measured_panels(parameters, functools.partial(curves, "differences"), None)
+    panels = []
+    for above, below in zip(values, differences, strict=True):
+        label = f"Δ {below.label}"
+        panels.append(dataclasses.replace(above, y_range=None))
+        panels.append(dataclasses.replace(below, label=label, height=170, y_range=None))
     return panels
 
 

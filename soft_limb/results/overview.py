@@ -20,7 +20,6 @@ from limb_systems.files.signal_table import Samples
 from limb_systems.progress import Progress
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from soft_limb.reports import page
-from soft_limb.results.folder import find_results, guess_file_kind
 from soft_limb.results.read_result import (
     LIMB,
     RECORDING,
@@ -28,9 +27,11 @@ from soft_limb.results.read_result import (
     ROBOT,
     TRAJECTORY,
     ResultFile,
+    guess_file_kind,
     read_result,
 )
 
+RESULT_SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
 PICTURE_POINTS = 150  # of a curve in a small picture
 WIDTH = 240.0  # of a panel of a small picture
 HEIGHT = 56.0
@@ -81,7 +82,7 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
     # Read all files; an unreadable file gives a sentence on the page.
     files = []
     troubles = []
-    paths = find_results(folder)
+    paths = _find_results(folder)
     with Progress("reading", len(paths), "files") as progress:
         for number, path in enumerate(paths):
             progress.update(number)
@@ -98,6 +99,28 @@ def _read_files(folder: Path, output: Path) -> tuple[list[ResultFile], list[str]
             else:
                 files.append(file)
     return sorted(files, key=lambda file: (-_time_of(file), str(file.path))), troubles
+
+
+def _find_results(folder: Path) -> list[Path]:
+    """Return the files in a folder and below that may be results.
+
+    Hidden folders, installed packages, and links that lead out of the folder are left out.
+    """
+    files = []
+    for parent, folders, names in os.walk(folder):
+        folders[:] = filter(_is_visible, folders)
+        # Keep files with the suffix of a result that are inside.
+        for name in filter(_is_visible, names):
+            path = Path(parent, name)
+            is_inside = path.resolve().is_relative_to(folder.resolve())
+            if name.endswith(RESULT_SUFFIXES) and is_inside and path.is_file():
+                files.append(path)
+    return files
+
+
+def _is_visible(name: str) -> bool:
+    """Return False for hidden files and folders, and for folders of installed packages."""
+    return name[0] not in "._" and name.isprintable() and name not in ("node_modules", "venv")
 
 
 def _time_of(file: ResultFile) -> float:

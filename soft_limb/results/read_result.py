@@ -10,22 +10,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import controllers
-from limb_systems.connected_limbs import ConnectedLimbs
+from limb_systems.connected_limbs import CONNECTED_FIELDS, ConnectedLimbs, top_level_fields
 from limb_systems.errors import LimbError
-from limb_systems.files.input import LARGEST_TABLE, read_bytes
+from limb_systems.files.input import LARGEST_TABLE, first_line, read_bytes
 from limb_systems.files.provenance import Provenance
 from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.limb_parameters import EmulatedLimb, LimbParameters
 from limb_systems.summary import Entry, Summary
-from soft_limb.results.folder import is_html, kind_of_head
 from soft_limb.results.summaries import plan_summary, repetitions_summary
 
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
 GAIT, LIMB, ROBOT, REPORT = "gait", "limb", "robot", "report"
 ENTRY_POINTS = "soft_limb.results"  # group of entry points: dicts of readers like `_READERS`
+TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
+_HEAD = 4096  # bytes
+_TAIL = 16384  # bytes of a page, whose provenance is at its end
+# Fields at the top level of a limb.
+_LIMB = {"ambient_temperature", "board", "calibration", "format", "gravity", "payload", "segments"}
+_LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
 
 class ResultError(LimbError):
@@ -92,6 +96,40 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
     return ResultFile(path, kind, summary, made, value)
 
 
+def guess_file_kind(path: Path) -> str:
+    """Return the kind of a file by its first and last bytes; see `ResultFile` for the kinds.
+
+    The result is empty for other files.
+    """
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_HEAD).decode("utf-8", "replace").removeprefix("\ufeff")
+            file.seek(max(0, path.stat().st_size - _TAIL))
+            tail = file.read(_TAIL)
+    except OSError:
+        return ""
+    # Tables and descriptions are known by their beginnings, reports by their ends.
+    if kind := kind_of_head(path, head):
+        return kind
+    return "report" if is_html(head) and b'id="provenance"' in tail else ""
+
+
+def kind_of_head(path: Path, head: str) -> str:
+    """Return the kind of a table, or "limb" or "robot" for a YAML file, or an empty text."""
+    title = first_line(head)
+    if title and title.kind in TABLE_KINDS:
+        return title.kind
+    fields = top_level_fields(head) if path.suffix in (".yaml", ".yml") else set()
+    if fields & CONNECTED_FIELDS:
+        return "robot"
+    return "limb" if fields & _LIMB else ""
+
+
+def is_html(head: str) -> bool:
+    """Return True if a file that begins with this text is an HTML page."""
+    return head.lstrip().lower().startswith("<!doctype html>")
+
+
 Read = tuple[Any, Provenance | None, Summary]
 
 
@@ -118,7 +156,9 @@ def _trajectory(path: Path, _text: str, quick: bool) -> Read:
 
 
 def _learning(path: Path, _text: str, quick: bool) -> Read:
-    learner = controllers.Learner.load(path)
+    from controllers import Learner  # takes long to import
+
+    learner = Learner.load(path)
     plan = learner.trajectory
     more = Summary([Entry("plan", plan.summary().line()), identity_entry(plan.parameters)])
     return None, learner.provenance, repetitions_summary(learner, quick=quick) + more

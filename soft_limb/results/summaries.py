@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limb_systems import Recording, Trajectory
-from limb_systems.files.plan_statements import plan_statements
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
 
@@ -39,7 +38,7 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
         Entry("nearest_distance_deg", nearest, "", None),
         Entry("far_from_reference", far_from_reference(trajectory), "", None),
     ]
-    return plan_statements(trajectory, text) + Summary([], details)
+    return trajectory.statements(text) + Summary([], details)
 
 
 def distances_summary(distances: ReferenceDistances) -> Summary:

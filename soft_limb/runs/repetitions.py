@@ -1,5 +1,6 @@
 """Repeat a plan on a limb, and learn from each repetition to follow it."""
 
+import itertools
 import re
 import time
 from collections.abc import Callable
@@ -48,9 +49,8 @@ def repeat(
     robot fails, its unfinished recording is kept and learned from, as an interrupted repetition.
 
     Args:
-        learner: learner of the plan, which may have earlier repetitions.
         limb_of_repetition: function that returns a limb that is ready for the next repetition.
-        repetitions: number of repetitions in total, including earlier ones.
+        repetitions: number of repetitions in total, including the learner's earlier ones.
         announce: function that is called with each repetition and its number, from 1 on.
         live: as for `replay`, whose errors are raised.
     """
@@ -66,7 +66,7 @@ def repeat(
         else:
             limb = limb_of_repetition()
             if live:
-                live.say(f"Repetition {number} of {repetitions}{_errors_so_far(learner)}")
+                live.say(f"Repetition {number} of {repetitions}")
             before = unfinished_files(path)
             try:
                 recording = record_replay(
@@ -93,11 +93,6 @@ def recording_path(folder: Path, number: int) -> Path:
     return folder / f"repetition_{number}.csv"
 
 
-def _errors_so_far(learner: Learner) -> str:
-    errors = [f"{np.rad2deg(repetition.mean_error):.2f}°" for repetition in learner.repetitions]
-    return f"; mean |φ* - φ| so far {', '.join(errors)}" if errors else ""
-
-
 def make_rested_twins(
     twin: LimbTwin, trajectory: Trajectory, learner: Learner
 ) -> Callable[[], LimbSystem]:
@@ -106,15 +101,9 @@ def make_rested_twins(
     If there are repetitions of earlier programs, their time passes first, so that the noise of
     the sensors is not the same again.
     """
-    pause = len(learner.repetitions) * (trajectory.duration + REST_TIME)
-
-    def rested_twin() -> LimbSystem:
-        nonlocal pause
-        limb = twin.after_rest(pause)
-        pause = REST_TIME
-        return limb
-
-    return rested_twin
+    passed = len(learner.repetitions) * (trajectory.duration + REST_TIME)
+    pauses = itertools.chain([passed], itertools.repeat(REST_TIME))
+    return lambda: twin.after_rest(next(pauses))
 
 
 def make_rested_robots(
@@ -122,33 +111,24 @@ def make_rested_robots(
     trajectory: Trajectory,
     live: LiveView | None = None,
 ) -> Callable[[], LimbSystem]:
-    """Return a function for `repeat` that waits for cool wires and returns the robot on a port.
-
-    Args:
-        port: port of the robot's board, or ports of its boards.
-        trajectory: the plan to repeat; wires are cool when they are as cold as at its start.
-        live: page that shows the readings while the wires cool; None for no page.
-    """
-    announce = live.say if live else lambda _: None
+    """Return a function for `repeat` that waits for cool wires and returns the robot on a port."""
 
     def rested_robot() -> LimbSystem:
         with open_link(port, trajectory.parameters) as link:
-            wait_for_cool_wires(lambda: present_temperature(link), trajectory, announce)
+            wait_for_cool_wires(lambda: present_temperature(link), trajectory, live)
         return SerialLimb(port, trajectory.parameters)
 
     return rested_robot
 
 
 def wait_for_cool_wires(
-    read: Callable[[], np.ndarray],
-    trajectory: Trajectory,
-    announce: Callable[[str], object] = lambda text: None,
+    read: Callable[[], np.ndarray], trajectory: Trajectory, live: LiveView | None = None
 ) -> None:
     """Wait until no wire is read more than `COOL_TOLERANCE` above the start of a plan.
 
     Args:
         read: function that returns V of the wires (W,), °C.
-        announce: function that is called with a text on the warmest wire at each reading.
+        live: page that shows the reading of the warmest wire.
 
     Raises:
         ReplayError: if a wire is too warm after `MAX_REST_TIME`.
@@ -174,7 +154,8 @@ def wait_for_cool_wires(
                 )
             remark = f"{names[warmest]} {reading:.1f} °C"
             progress.update(waited, remark)
-            announce(f"Resting until the wires are cool: {remark}")
+            if live:
+                live.say(f"Resting until the wires are cool: {remark}")
             time.sleep(READ_PERIOD)
 
 

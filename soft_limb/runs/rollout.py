@@ -109,8 +109,10 @@ class Rollout:
         text = (
             f"for {seconds:.0f} s the bend was read up to {values['most_deg']:.1f}° from where "
             "heat and rest angle explain it; look whether the bend sensor has drifted or the limb "
-            "is loaded, and else calibrate it again"
+            "is loaded, and else calibrate it"
         )
+        if self.trajectory.parameters.calibration:
+            text += " again"
         return Entry("unexplained", values, sentence=text if seconds > UNEXPLAINED_TIME else None)
 
     def _timing(self) -> Entry:
@@ -161,14 +163,13 @@ def roll_out(
     real_time: bool = False,
     live: LiveView | None = None,
 ) -> Rollout:
-    """Drive a limb along a plan and write the recording.
+    """Drive a limb along a plan and write the recording; errors as in `replay`.
 
     Args:
         make_limb: function that returns the limb; it is called after the controller is made.
         output: file of the recording, which is written while the limb runs.
         controller: key in `CONTROLLERS`.
         real_time: whether the limb is a robot.
-        live: as for `replay`, whose errors are raised.
     """
     # Make the controller before the limb: the board waits for no computation.
     driver = make_controller(controller, trajectory, real_time=real_time)

@@ -165,16 +165,24 @@ def test_a_wire_without_a_reading_gets_no_duty():
     assert schedule.is_finished(context)
 
 
-def test_a_robot_is_closed_if_its_recording_fails():
+@pytest.mark.parametrize(
+    ("collect", "message"),
+    [
+        (collect_sag, "the board is silent"),
+        (lambda limb: collect_equilibria(limb, "middle"), "middle"),
+        (lambda limb: collect_equilibria(limb, "left", num_angles=0), "num_angles is 0"),
+    ],
+)
+def test_a_robot_is_closed_if_its_recording_fails(collect, message):
     limb = LimbTwin(seed=0)
     with (
         mock.patch.object(LimbTwin, "real_time", True),
         mock.patch.object(LimbTwin, "close", create=True) as close,
         mock.patch("hardware.replaying.record", side_effect=LimbError("the board is silent")),
-        pytest.raises(LimbError, match="the board is silent"),
+        pytest.raises(LimbError, match=message),
     ):
-        collect_sag(limb)
-    close.assert_called_once()
+        collect(limb)
+    close.assert_called()
 
 
 def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, bool]:

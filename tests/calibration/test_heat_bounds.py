@@ -17,6 +17,7 @@ from calibration.collecting.collect import (
 from calibration.collecting.measurement_protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds_fit import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
+from hardware.board.heat_rates import HeatRates
 from hardware.firmware import guard, heat
 from limb_systems import Limb, LimbParameters, LinearLaw, SegmentParameters, TwoMassLaw, simulate
 from limb_systems.heat_bounds import HeatBounds
@@ -141,6 +142,14 @@ def test_first_contact_takes_in_any_limb(rates):
         assert fitted[wire].slowest_cooling < -rates["a1"] < fitted[wire].fastest_cooling
         assert fitted[wire].least_heating < rates["a2"] < fitted[wire].most_heating
         assert fitted[wire].slowest_reading < -rates["a3"]
+
+
+def test_the_slowest_cooling_of_bounds_is_at_most_what_a_thermocouple_can_show():
+    """A fifth of its own rate, if that is between the kind's slowest cooling and 1.75 times it."""
+    kind = HeatBounds.around(LinearLaw())
+    for reading, slowest in ((5.0, 1.75 * kind.slowest_cooling), (0.3, 0.3 / 5)):
+        bounds = HeatRates(20.0, 0.4, reading).bounds(kind, max_heating=20.0, margin=0.0)
+        assert bounds.slowest_cooling == pytest.approx(slowest)
 
 
 def test_a_thermocouple_without_its_wire_is_found_at_first_contact():

@@ -221,28 +221,12 @@ def test_residuals_are_whitened_by_their_covariance():
     assert not whitened[~np.isfinite(variance)].any()
 
 
-@dataclasses.dataclass
-class RowsLaw(LinearLaw):
-    """A lab's law, which builds arrays of its fields, as symbols do not allow."""
-
-    def rates(self, x, D, T0):
-        return np.array([self.a1, self.a2])[:1] * (x[0] - T0) + self.a2 * D
-
-
 def test_the_lag_of_each_wire_has_the_delay_that_fits():
     run = HeatedRun.of(recording_of("linear", "motion_1"))
     for delay in DELAYS:
         heat = heat_by_duty(run, delay)
         lagged = dataclasses.replace(run, bend=0.05 + heat @ [[-0.1], [0.2]])
         assert baseline_errors([lagged], [lagged])["a lag of each wire"] < 1e-9
-
-
-@dataclasses.dataclass
-class MatrixLaw(LinearLaw):
-    """A lab's law, whose matrix of fields means another product where the fields are arrays."""
-
-    def rates(self, x, D, T0):
-        return np.array([[self.a1, self.a2]]) @ np.array([x[0] - T0, D])
 
 
 @dataclasses.dataclass
@@ -263,24 +247,20 @@ class ComparingLaw(LinearLaw):
         return super().rates(x, D if x[0] > -40.0 else 0.0, T0)
 
 
-@dataclasses.dataclass
-class MaximumLaw(LinearLaw):
-    """A lab's law with a function that numpy has for arrays and symbols, and is not smooth."""
-
-    def rates(self, x, D, T0):
-        return super().rates([np.maximum(x[0], -40.0)], D, T0)
-
-
-@dataclasses.dataclass
-class CasadiLaw(LinearLaw):
-    """A lab's law with a function of CasADi, which takes no arrays."""
-
-    def rates(self, x, D, T0):
-        return super().rates([ca.fmax(x[0], -40.0)], D, T0)
+RATES_OF_LABS = {
+    # Arrays of fields, which symbols do not allow; and a product that means another of arrays.
+    "rows": lambda law, x, D, T0: np.array([law.a1, law.a2])[:1] * (x[0] - T0) + law.a2 * D,
+    "matrix": lambda law, x, D, T0: np.array([[law.a1, law.a2]]) @ np.array([x[0] - T0, D]),
+    "branch": BranchLaw.rates,
+    # A function that is not smooth, and a function of CasADi, which takes no arrays.
+    "maximum": lambda law, x, D, T0: LinearLaw.rates(law, [np.maximum(x[0], -40.0)], D, T0),
+    "casadi": lambda law, x, D, T0: LinearLaw.rates(law, [ca.fmax(x[0], -40.0)], D, T0),
+}
 
 
-@pytest.mark.parametrize("law", [RowsLaw, MatrixLaw, BranchLaw, MaximumLaw, CasadiLaw])
-def test_a_law_that_takes_numbers_alone_is_fitted(law):
+@pytest.mark.parametrize("name", RATES_OF_LABS)
+def test_a_law_that_takes_numbers_alone_is_fitted(name):
+    law = dataclasses.dataclass(type(f"{name}Law", (BranchLaw,), {"rates": RATES_OF_LABS[name]}))
     run = HeatedRun.of(recording_of("linear", "motion_1"))
     fit, expected = (fit_law(each, [run], SEGMENT, AMBIENT) for each in (law, LinearLaw))
     assert fit.misfit == pytest.approx(expected.misfit, rel=1e-3)
@@ -298,6 +278,35 @@ class SwitchedLaw(LinearLaw):
     def rates(self, x, D, T0):
         law = BranchLaw if self.cooling == "uneven" else LinearLaw
         return law.rates(self, x, self.factor * D, T0)
+
+
+@dataclasses.dataclass
+class SupplyLaw(LinearLaw):
+    """A lab's law, of which a word halves the heat, and a field without a range, too."""
+
+    supply: str = "whole"
+    factor: float = 1.0
+
+    def rates(self, x, D, T0):
+        return super().rates(x, (0.5 if self.supply == "half" else 1.0) * self.factor * D, T0)
+
+
+def test_words_and_fields_without_a_range_stay_as_described():
+    law = functools.partial(SupplyLaw, supply="half", factor=0.8)
+    (described,) = limb_with(law).segments
+    run = HeatedRun.of(recording_of("linear", "motion_1"))
+    fit, expected = (
+        fit_law(each, [run], segment, AMBIENT)
+        for each, segment in ((SupplyLaw, described), (LinearLaw, SEGMENT))
+    )
+    limb = fit.calibrated(limb_with(LinearLaw))
+    for wire in limb.wires:
+        assert (type(wire.law), wire.law.supply, wire.law.factor) == (SupplyLaw, "half", 0.8)
+        a2 = expected.estimates[f"{wire.name}.a2"]
+        assert wire.law.a2 == pytest.approx(a2.value / 0.4, rel=0.1)
+    described.wires[0].law.supply = "whole"
+    with pytest.raises(LimbError, match="several words for supply, half and whole; use one"):
+        fit_law(SupplyLaw, [run], described, AMBIENT)
 
 
 def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
@@ -377,7 +386,7 @@ def test_recordings_must_be_as_hot_as_plans_and_turn_back():
     ):
         temperature = np.column_stack([heated, heated])
         predicted = Predicted(dataclasses.replace(run, temperature=temperature), run.bend, run.bend)
-        remarks = remarks_on_coverage(limb, [predicted])
+        remarks = [*remarks_on_coverage(limb, [predicted])]
         assert len(remarks) == len(said)
         for remark, part in zip(remarks, said, strict=True):
             assert part in remark.sentence

@@ -104,9 +104,8 @@ def test_gains_and_random_errors_are_estimated_from_changes():
     """Of 40 repetitions whose changes the limb has 1.4 times and, but for 30%, 0.8 times."""
     random, times = np.random.default_rng(0), np.arange(0.0, 20.0, 0.2)
     noise = np.deg2rad(0.1)
-    part = RepeatingError(
-        times, ornstein_uhlenbeck(times, 0.1, 2.0), np.eye(100), noise**2 * np.eye(100), 0
-    )
+    covariance = ornstein_uhlenbeck(times, 0.1, 2.0)
+    part = RepeatingError(times, covariance, np.eye(100), noise**2 * np.eye(100))
     phases = random.uniform(0, 7, (40, 1, 2))
     bend_changes = np.deg2rad(3.0) * np.sin(times[:, None] * [0.5, 0.8] + phases)
     spread = [ornstein_uhlenbeck(times, size, 2.0) for size in np.linalg.norm(bend_changes, axis=2)]

@@ -244,3 +244,17 @@ def test_the_regulator_minimizes_its_cost(short_plan):
     gains = regulator_gains(model, sampled)
     assert gains.shape == (K, 2, 3)
     np.testing.assert_allclose(-gains[0] @ np.append(start[:2], bent), best[:2], rtol=1e-9)
+
+
+def test_the_regulator_of_a_limb_that_is_as_planned_applies_the_planned_duty(short_plan):
+    """Its bend is read one period before, and swings, as the reduced model's does not."""
+    regulator, sampled = PlanRegulator(short_plan), SampledPlan(short_plan, short_plan.parameters)
+    estimator = regulator._estimator
+    for k in (25, 45):
+        heat = sampled.heat[k]
+        offset = sampled.bend_angle[k - 1] - estimator.model.bend_angle(heat)
+        assert np.abs(offset).max() > 1e-4
+        estimate = estimator.begin(heat[-2:], np.zeros(1))
+        estimate = dataclasses.replace(estimate, heat=heat, lasting=offset)
+        duty, _ = regulator._desired_duty(0.05 * k, estimate, np.ones(2), None)
+        np.testing.assert_allclose(duty, sampled.duty[k], atol=1e-9)

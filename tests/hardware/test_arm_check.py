@@ -125,9 +125,9 @@ def test_a_verdict_on_heat_agrees_with_the_range_that_it_names(shown, good):
     ],
 )
 def test_no_answer_about_the_supply_is_a_no(calibrated_at, voltage, cut_off, good, said):
-    limb, heard = LimbParameters(supply_voltage=calibrated_at), []
-    say = lambda ok, what: heard.append(f"{'ok' if ok else 'no'} {what}")  # noqa: E731
-    assert check_supply(limb, voltage, cut_off, say) == good
+    checks = check_supply(LimbParameters(supply_voltage=calibrated_at), voltage, cut_off)
+    assert all(ok for ok, _ in checks) == good
+    heard = [f"{'ok' if ok else 'no'} {what}" for ok, what in checks]
     assert len(heard) == 2
     assert all(map(re.match, said, heard)), heard
 

@@ -1,8 +1,6 @@
 """The emulated limb of physics "continuum": relays, heat that diffuses, a chain that ages."""
 
-import copy
 import dataclasses
-import pickle
 
 import numpy as np
 import pytest
@@ -123,26 +121,6 @@ def test_any_chain_shows_the_bend_of_this_one():
 
 
 # The limb as a whole
-
-
-def test_a_seed_is_one_limb_and_noise_is_by_numbers():
-    def read(specimen):
-        return simulate(LimbTwin(specimen=copy.deepcopy(specimen)), [0.0, 0.4], 2.0).bend_angle
-
-    first = ContinuumSpecimen(LimbParameters(), 5)
-    same, kept = ContinuumSpecimen(LimbParameters(), 5), pickle.loads(pickle.dumps(first))
-    expected = read(first)
-    for other in (same, kept):
-        np.testing.assert_array_equal(read(other), expected)
-    assert (read(ContinuumSpecimen(LimbParameters(), 6)) != expected).any()
-    one = first.with_noise(1)
-    with_noise = read(one)
-    np.testing.assert_array_equal(read(first.with_noise(1)), with_noise)
-    assert 0 < np.rad2deg((with_noise - read(first.with_noise(2))).std()) < 1.0
-    # A run leaves its limb warm; copies from before are as they were.
-    simulate(LimbTwin(specimen=one), [0.0, 0.4], 5.0)
-    assert one.state["heat"][1 + SHELLS] > first.ambient + 20.0
-    assert not first.state
 
 
 def test_processes_know_the_physics_that_the_host_has_loaded():

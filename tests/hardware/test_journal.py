@@ -91,16 +91,6 @@ def test_a_replay_that_was_interrupted_says_so_in_its_file(
     assert Recording.load(path).interrupted == recording.interrupted
 
 
-def test_a_replay_that_ended_is_not_interrupted(plan_of_3_s, path):
-    path.write_text("old")
-    recording = replay(plan_of_3_s, LimbTwin(), journal=path)
-    journal = Recording.load(path)
-    np.testing.assert_array_equal(journal.bend_angle, recording.bend_angle)
-    assert journal.interrupted == recording.interrupted == ""
-    assert not any("interrupted" in fact for fact in journal.summary().texts().values())
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_a_run_that_does_not_start_leaves_all_as_it_was(plan_of_3_s, path, end_at, capsys):
     path.write_text("old")
     end_at(None, HardwareError("The board refuses to be armed."))

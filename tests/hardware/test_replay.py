@@ -117,7 +117,9 @@ def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
         angle, measurement, temperature = controller.seen
         np.testing.assert_array_equal(measurement, [*temperature, *angle])
         np.testing.assert_allclose(temperature, recording.measured_temperature[:, -1])
-        np.testing.assert_array_equal(Recording.load(journal).duty, recording.duty)
+        kept = Recording.load(journal)
+        np.testing.assert_array_equal(kept.duty, recording.duty)
+        assert kept.interrupted == recording.interrupted == ""
 
 
 def test_a_replay_ends_at_the_board_s_limit(fig5_plan, tmp_path, capsys):

@@ -84,21 +84,3 @@ def uneven_limb() -> LimbParameters:
     first = segment((-0.05, 15.0, -0.8, 3.0e-4), (-0.09, 25.0, -1.3, 6.0e-4), **base)
     second = segment((-0.11, 30.0, -2.0, 2.0e-4), (-0.06, 18.0, -0.5, 1.0e-4), **tip)
     return LimbParameters(segments=[first, second], ambient_temperature=22.0)
-
-
-@pytest.fixture
-def three_and_one() -> LimbParameters:
-    """A limb of two segments, the first with three wires, one of them below, the other with one."""
-    return LimbParameters(
-        segments=[
-            SegmentParameters(
-                links=2,
-                wires=[
-                    WireParameters("low", e2=-0.003, e3=-0.004),
-                    WireParameters("middle", e2=0.001),
-                    WireParameters("high", e2=0.003),
-                ],
-            ),
-            SegmentParameters(links=3, wires=[WireParameters("only", e2=0.003)]),
-        ]
-    )

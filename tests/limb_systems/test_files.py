@@ -60,15 +60,9 @@ def make_recording(parameters=None, samples=4, **changes) -> Recording:
 
 def make_trajectory(parameters=None, samples=4, check=PASSED, **changes) -> Trajectory:
     recording = make_recording(parameters, samples)
-    reference = np.random.default_rng(1).uniform(-1, 1, recording.bend_angle.shape)
-    signals = {
-        "time": recording.time,
-        "reference": reference,
-        "duty": recording.duty,
-        "joint_state": recording.joint_state,
-        "wire_temperature": recording.wire_temperature,
-        "measured_temperature": recording.measured_temperature,
-    }
+    names = ("time", "duty", "joint_state", "wire_temperature", "measured_temperature")
+    signals = {name: getattr(recording, name) for name in names}
+    signals["reference"] = np.random.default_rng(1).uniform(-1, 1, recording.bend_angle.shape)
     return Trajectory(**{**signals, **changes}, parameters=recording.parameters, check=check)
 
 
@@ -103,20 +97,10 @@ def test_columns_are_named_with_their_units_and_angles_are_in_degrees(tmp_path):
     original.save(path)
     with path.open(newline="") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    assert list(rows[0]) == [
-        "time_s",
-        "duty_left",
-        "duty_right",
-        "measured_temperature_left_c",
-        "measured_temperature_right_c",
-        "bend_angle_deg",
-        "wire_temperature_left_c",
-        "wire_temperature_right_c",
-        "joint_angle_1_deg",
-        "joint_angle_2_deg",
-        "joint_rate_1_deg_s",
-        "joint_rate_2_deg_s",
-    ]
+    names = "time_s duty_left duty_right measured_temperature_left_c measured_temperature_right_c "
+    names += "bend_angle_deg wire_temperature_left_c wire_temperature_right_c "
+    names += "joint_angle_1_deg joint_angle_2_deg joint_rate_1_deg_s joint_rate_2_deg_s"
+    assert list(rows[0]) == names.split()
     bend = [float(row["bend_angle_deg"]) for row in rows]
     np.testing.assert_allclose(bend, [30.0, -90.0, 0.0, 180.0], rtol=1e-15)
     rate = [float(row["joint_rate_2_deg_s"]) for row in rows]

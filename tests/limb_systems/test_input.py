@@ -25,16 +25,15 @@ def pipe(tmp_path):
 
 def test_devices_pipes_and_folders_are_refused_at_once(refused, pipe):
     for load, _ in READERS.values():
-        with refused(LimbError, "/dev/zero is a device or a pipe, but must be a file"):
-            load("/dev/zero")
-        with refused(LimbError, f"{pipe} is a device or a pipe"):
-            load(pipe)
-        with refused(LimbError, f"{pipe.parent} is a folder"):
-            load(pipe.parent)
-        with refused(LimbError, "Cannot read", "null"):
-            load("a\0b")
-        with refused(LimbError, f": {pipe.parent}/none: No such file or directory."):
-            load(pipe.parent / "none")
+        for path, said in (
+            ("/dev/zero", "/dev/zero is a device or a pipe, but must be a file"),
+            (pipe, f"{pipe} is a device or a pipe"),
+            (pipe.parent, f"{pipe.parent} is a folder"),
+            ("a\0b", "null"),
+            (pipe.parent / "none", f": {pipe.parent}/none: No such file or directory."),
+        ):
+            with refused(LimbError, said):
+                load(path)
 
 
 def test_files_beyond_the_limit_are_refused_unread(refused, tmp_path):

@@ -11,9 +11,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from limb_systems import LimbParameters
 from limb_systems.files.csv_format import format_rows, parse_table
-from limb_systems.files.schema import dump_typed, load_typed
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
 
@@ -41,12 +39,3 @@ def test_degrees_that_were_typed_are_written_as_they_were():
         end = f"# end, 1 rows, sha256 {hashlib.sha256(body).hexdigest()}\n".encode()
         (angle,) = parse_table(body + end, "recording").columns["bend_angle_deg"]
         assert degrees_of(angle) == text
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.floats(0.01, 100.0))
-@example(0.8)
-def test_a_parameter_has_the_digits_that_python_prints(value):
-    text = dump_typed(LimbParameters(total_duty=value))
-    assert load_typed(LimbParameters, text).total_duty == value
-    assert f"total_duty: {value!r}" in text.splitlines()

@@ -96,6 +96,10 @@ COMMANDS = (
     "plan reference.csv -o new.csv --plot kept",
     "plan reference.csv -o reference.csv --force",
     "plan reference.csv -o new.csv --plot new.xyz",
+    "plan reference.csv -o new.png",
+    "plan reference.csv -o new.csv --report new.txt",
+    "compare recording.csv recording.csv -o new.csv",
+    "runs -o new.txt",
     "replay reference.csv -o kept.csv -p nowhere",
     "teach nowhere -o kept.csv",
     "show recording.csv --recover kept.csv",
@@ -112,7 +116,7 @@ def test_commands_do_not_replace_existing_files(limb, monkeypatch, capsys):
     for name in ("kept", "kept.csv"):
         (limb / name).write_text(json.dumps("kept"))
     before = {path: path.read_bytes() for path in limb.iterdir()}
-    reasons = ("exists", "same command", "format", "holds", "is a file")
+    reasons = ("exists", "same command", "format", "name must end with", "holds", "is a file")
     for line in COMMANDS:
         assert main(line.split()) == 1
         error = capsys.readouterr().err

@@ -110,7 +110,7 @@ def test_pictures_and_charts_show_their_panels(planned_like_it, rollouts, tmp_pa
             assert to_hex(line.get_color()) == curve.color
             wanted = {"x": curve.x, "y": curve.y}
             if curve.band is not None:
-                wanted |= {"low": curve.y - curve.band, "high": curve.y + curve.band}
+                wanted |= dict(zip(("low", "high"), curve.band, strict=True))
             drawn = next(r.data_source.data for r in chart.renderers if r.name == curve.name)
             for column, values in wanted.items():  # of which seven digits are kept
                 np.testing.assert_allclose(drawn[column], values, rtol=2e-6, atol=1e-5)

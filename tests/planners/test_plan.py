@@ -11,9 +11,11 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     Limb,
+    LimbError,
     LimbModel,
     LimbParameters,
     SegmentParameters,
+    ThresholdLaw,
     bend_angle,
     joint_angles_from_bend_angle,
     simulate,
@@ -50,11 +52,6 @@ def paper_cost(angles, duty, angles_ref):
     return cost + 0.5 * deviation @ (1000 * 100 * deviation)
 
 
-def cost_of(trajectory):
-    angles_ref = joint_angles_from_bend_angle(trajectory.parameters, trajectory.reference)
-    return paper_cost(trajectory.joint_angles, trajectory.duty, angles_ref)
-
-
 def short_reference(amplitude_deg=15.0, duration=6.0):
     return references.from_samples(
         [0.0, 1.0, 1.01, duration], np.deg2rad([0.0, 0.0, amplitude_deg, amplitude_deg])
@@ -62,7 +59,9 @@ def short_reference(amplitude_deg=15.0, duration=6.0):
 
 
 def test_cost_is_eqn_15(fig5_plan):
-    assert fig5_plan.check.cost == pytest.approx(cost_of(fig5_plan), rel=1e-9)
+    angles_ref = joint_angles_from_bend_angle(fig5_plan.parameters, fig5_plan.reference)
+    cost = paper_cost(fig5_plan.joint_angles, fig5_plan.duty, angles_ref)
+    assert fig5_plan.check.cost == pytest.approx(cost, rel=1e-9)
 
 
 def test_starts_at_the_initial_state(fig5_plan):
@@ -187,15 +186,12 @@ def test_active_constraints_are_named_with_their_time(fig5_plan):
     assert any(bound == "wire left = T_warm" and 22 < start < 25 for bound, start in stretches)
 
 
-def hot_start():
-    return np.r_[np.zeros(10), [25.0, 130.0, 25.0, 25.0]]
-
-
 def test_unreachable_temperatures_are_named_before_ipopt_runs(monkeypatch):
+    hot = np.r_[np.zeros(10), [25.0, 130.0, 25.0, 25.0]]
     for changes, arguments, message in [
         ({"warm_up_time": 0.5}, {}, r"left wire cannot be at T_warm = 45 °C .* from 1\.0[45]"),
         ({"a2": 1.0}, {}, r"right wire cannot .* it never gets above 39\.29 °C"),
-        ({}, {"initial_state": hot_start()}, r"right wire starts at 130 °C, above T_max = 100"),
+        ({}, {"initial_state": hot}, r"right wire starts at 130 °C, above T_max = 100"),
     ]:
         monkeypatch.setattr(planning, "solve_program", lambda *_: pytest.fail("IPOPT ran"))
         parameters = LimbParameters()
@@ -320,6 +316,9 @@ def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
         change = step * np.eye(1, len(start), index)[0]
         by_cost = (program.cost(start + change) - program.cost(start - change)) / (2 * step)
         assert balance[index] == pytest.approx(-by_cost, rel=1e-5, abs=1e-6)
+    solution.multipliers = None
+    with pytest.raises(LimbError, match="was not solved by its cheap blocks"):
+        estimate_multipliers(program, start, motion_slopes, quasi_static, solution)
 
 
 def test_clarabel_and_ipopt_solve_the_start_with_the_same_multipliers():
@@ -347,6 +346,25 @@ def test_the_start_of_a_limb_whose_bend_is_not_linear_obeys_the_program():
     x = program.linear_start().x
     for block in program.blocks:
         np.testing.assert_allclose(block.evaluate(x), block.lower, atol=1e-4)
+
+
+def test_plans_that_may_be_stretched_start_from_the_plan_at_the_times_of_the_reference():
+    """Also where wires are not linear, whose start is the best duty of linear wires."""
+    times, cold, limb = np.linspace(0.0, 24.0, 61), np.full(6, 25.0), LimbParameters()
+    reference = np.deg2rad(25.0) * np.sin(times / 2)[None]
+    linear = LimbModel(LimbParameters())
+    for wire in limb.wires:
+        wire.law = ThresholdLaw()
+    curved = LimbModel(limb)
+    starts = []
+    for task in (Task(), Task(stretch=(0.5, 2.0), time_weight=10.0)):
+        _, start = solve_quasi_static(
+            linear, times, reference, cold[:4], task, warm_up_time=20.0, is_start=True
+        )
+        program = QuasiStaticProgram(curved, times, curved.statics, task)
+        program.update(reference, cold, 20.0)
+        starts.append(np.append(start.x, program.guess()[program.duty]))
+    np.testing.assert_array_equal(*starts)
 
 
 @pytest.fixture

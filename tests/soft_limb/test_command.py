@@ -126,13 +126,6 @@ def test_a_second_ctrl_c_at_the_end_prints_no_traceback(monkeypatch, capsys):
     assert len(left) < 9
 
 
-def test_collect_from_an_emulated_limb_replaces_no_recordings(tmp_path, capsys):
-    (tmp_path / "sag_1.csv").write_text("mine")
-    assert main(["collect", "-o", str(tmp_path)]) == 1
-    assert "holds recordings; give another folder, or --force" in capsys.readouterr().err
-    assert (tmp_path / "sag_1.csv").read_text() == "mine"
-
-
 def test_signals_end_code_that_cannot_handle_them():
     script = """
 import os, signal
@@ -168,7 +161,7 @@ def test_ctrl_c_after_a_command_does_not_say_that_nothing_was_written():
     script = """
 import os, signal
 from soft_limb.command import run_command
-from soft_limb.startup import exit_before_start
+from soft_limb import exit_before_start
 signal.signal(signal.SIGINT, exit_before_start)
 run_command(lambda: 0, "stopped")
 os.kill(os.getpid(), signal.SIGINT)

@@ -85,7 +85,3 @@ def test_failure_is_one_sentence_status_1_and_no_file(quick, tmp_path, capsys):
         assert said.err.count("\n") == 1
         assert message in said.err
         assert not output.exists()
-    assert main([*quick, "-o", str(tmp_path / "plan.png")]) == 1
-    assert "plan.png is to be a table; its name must end with .csv" in capsys.readouterr().err
-    assert main([*quick, "-o", str(output), "--report", str(tmp_path / "report.txt")]) == 1
-    assert "report.txt is to be a page; its name must end with .html" in capsys.readouterr().err

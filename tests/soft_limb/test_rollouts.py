@@ -85,6 +85,7 @@ def test_a_bend_that_heat_does_not_explain_gives_a_warning(short_plan):
         summary = Rollout("open-loop", short_plan, read, None, None, None).summary()
         assert ("s the bend was read up to" in str(summary)) == told
         assert (summary.to_json()["unexplained"]["longest_s"] > 5.0) == told
+    assert "and else calibrate it\n" in f"{summary}\n"  # the plan is of the nominal limb
 
 
 def test_follow_plans_and_tracks_a_taught_motion(tmp_path, capsys):
@@ -127,7 +128,7 @@ def test_without_a_reference_or_a_board_nothing_is_planned(tmp_path, capsys):
     for words, said in (
         (["fig5", "-p", str(tmp_path / "no_port")], "Cannot open"),
         ([str(tmp_path / "none.csv")], "none.csv"),
-        (["fig5", "--task", str(tmp_path / "none.yaml")], "none.yaml"),
+        (["fig5", "--task", "nosuch"], "no task 'nosuch', nor a file of this name; give 'paper',"),
     ):
         assert main(["follow", *words, "-o", str(folder)]) == 1
         assert said in capsys.readouterr().err

@@ -1,4 +1,7 @@
-"""The URDF generator and the checked-in file against Drake's parser and a solid beam."""
+"""Models of limbs: the checked-in files, and what is drawn.
+
+Masses, inertia and joints of the models are tested as plants in limb_systems.
+"""
 
 import dataclasses
 import xml.etree.ElementTree as ElementTree
@@ -7,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.geometry import Role
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 import urdf
@@ -21,72 +22,10 @@ from ..limb_systems.plant_links import link_positions
 FOLDER = Path(urdf.__file__).parent
 
 
-def parse(segments) -> MultibodyPlant:
-    """The limb in a finalized plant, its base welded; warnings are errors."""
-    plant = MultibodyPlant(time_step=0.0)
-    parser = Parser(plant)
-    parser.SetStrictParsing()
-    parser.AddModelsFromString(limb_urdf(segments), "urdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
-    plant.Finalize()
-    return plant
-
-
-def links_inertia(plant, links):
-    """Mass, centre and inertia about the base of some links of the straight limb."""
-    bodies = [plant.GetBodyByName(f"link_{number}").index() for number in links]
-    context = plant.CreateDefaultContext()
-    inertia = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
-    return (
-        inertia.get_mass(),
-        inertia.get_com(),
-        inertia.CalcRotationalInertia().CopyToFullMatrix3(),
-    )
-
-
-def beam_inertia(mass, length, thickness, width, start=0.0):
-    """The same of one solid beam along x from `start`, from the textbook."""
-    center = start + length / 2
-    xx = mass * (thickness**2 + width**2) / 12
-    yy = mass * (length**2 + width**2) / 12 + mass * center**2
-    zz = mass * (length**2 + thickness**2) / 12 + mass * center**2
-    return mass, np.array([center, 0.0, 0.0]), np.diag([xx, yy, zz])
-
-
-def assert_same_inertia(actual, expected):
-    for left, right in zip(actual, expected, strict=True):
-        np.testing.assert_allclose(left, right, rtol=1e-12, atol=1e-15)
-
-
 @pytest.mark.parametrize(("name", "write"), [("limb_5.urdf", limb_urdf), ("limb_5.sdf", limb_sdf)])
 def test_checked_in_files_are_the_models_of_the_nominal_limb(name, write):
     text = (FOLDER / name).read_text(encoding="utf-8")
     assert text == write(LimbParameters().segments)
-
-
-def test_two_segments_are_two_beams_end_to_end():
-    first = SegmentParameters(links=3, length=0.09, mass=0.03, thickness=0.012, width=0.03)
-    second = SegmentParameters(links=2, length=0.05, mass=0.01, thickness=0.008, width=0.02)
-    plant = parse([first, second])
-    assert_same_inertia(links_inertia(plant, [1, 2, 3]), beam_inertia(0.03, 0.09, 0.012, 0.03))
-    assert_same_inertia(
-        links_inertia(plant, [4, 5]), beam_inertia(0.01, 0.05, 0.008, 0.02, start=0.09)
-    )
-    total = plant.CalcTotalMass(plant.CreateDefaultContext())
-    assert total == pytest.approx(0.04, rel=1e-12)
-
-
-def test_joints_turn_about_z_without_limits_and_with_the_damping_of_their_segment():
-    first = SegmentParameters(links=2, damping=1.5e-3)
-    second = SegmentParameters(links=1, damping=0.0)
-    plant = parse([first, second])
-    for number, damping in [(1, 1.5e-3), (2, 1.5e-3), (3, 0.0)]:
-        joint = plant.GetJointByName(f"joint_{number}")
-        assert isinstance(joint, RevoluteJoint)
-        np.testing.assert_array_equal(joint.revolute_axis(), [0.0, 0.0, 1.0])
-        assert joint.default_damping() == damping
-        assert joint.position_lower_limits() == [-np.inf]
-        assert joint.position_upper_limits() == [np.inf]
 
 
 def test_wires_are_drawn_on_their_side_and_below_the_axis_if_they_are():

@@ -23,25 +23,18 @@ class RobotView(LimbView):
     MODEL = "robot"
     LIGHT = (-4.0, -10.0, 5.0)
 
-    def __init__(self, robot: RobotParameters):
+    def __init__(self, meshcat: Meshcat, robot: RobotParameters):
         """
         Args:
+            meshcat: scene that the robot is put into.
             robot: the robot.
         """
         self._robot = robot
-        super().__init__(robot.as_single_limb)
+        super().__init__(meshcat, robot.as_single_limb)
 
-    def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Put the robot into a scene.
-
-        Args:
-            base_pose: pose of the robot's world on level ground; the world's origin if None.
-        """
-        base_pose = base_pose or RigidTransform()
-        if self._robot.ground:
-            slope = RotationMatrix.MakeYRotation(-self._robot.ground.slope)
-            base_pose = base_pose @ RigidTransform(slope, np.zeros(3))
-        super().add_to(meshcat, base_pose)
+    def _base_pose(self) -> RigidTransform:
+        slope = self._robot.ground.slope if self._robot.ground else 0.0
+        return RigidTransform(RotationMatrix.MakeYRotation(-slope), np.zeros(3))
 
     def _limbs(self) -> dict[str, LimbParameters]:
         return {f"{limb.name}_": limb.parameters for limb in self._robot.limbs}
@@ -55,7 +48,7 @@ class RobotView(LimbView):
     def _set_positions(self, joint_angles: np.ndarray, body_pose: np.ndarray | None) -> None:
         set_positions(self._plant, self._context, self._robot, body_pose, joint_angles)
 
-    def _add_surroundings(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
+    def _add_surroundings(self, low: np.ndarray, high: np.ndarray) -> None:
         """Put the ground below the bodies, with a mark each 10 mm along x."""
         if not self._robot.ground:
             return
@@ -67,10 +60,10 @@ class RobotView(LimbView):
         depth = high[1] - low[1] + 2.0 * self._robot.body.width
         size = (last - first) * step, depth, MARK_SPACING / 5
         center = [(first + last) / 2 * step, middle, -size[2] / 2]
-        meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
-        meshcat.SetTransform(f"{path}/plane", RigidTransform(center))
+        self._meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
+        self._meshcat.SetTransform(f"{path}/plane", RigidTransform(center))
         for number in range(round((last - first) * MARKS_PER_WIDE_MARK) + 1):
             mark = Box(MARK_SPACING * (0.05 if number % MARKS_PER_WIDE_MARK else 0.15), depth, 1e-5)
-            meshcat.SetObject(f"{path}/mark_{number}", mark, Rgba(*_MARK_COLOR))
+            self._meshcat.SetObject(f"{path}/mark_{number}", mark, Rgba(*_MARK_COLOR))
             at = [first * step + number * MARK_SPACING, middle, 1e-5]
-            meshcat.SetTransform(f"{path}/mark_{number}", RigidTransform(at))
+            self._meshcat.SetTransform(f"{path}/mark_{number}", RigidTransform(at))
