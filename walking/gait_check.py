@@ -40,7 +40,8 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     """Simulate a gait with contact, open loop, and return it with its check.
 
     Simulated strides from the second on may agree with each other, but miss the planned stride by
-    more than 1%. The gait then gets their travel, if it is at least half of the plan's.
+    more than 1%. The gait then gets their travel, if it is at least half of the plan's: in a plane
+    by MuJoCo, in space by Drake where it simulates more than a cycle.
 
     The simulation begins with the heat of the limit cycle. A gait that walks as planned in MuJoCo
     is simulated by Drake with steps of 1 ms, for one cycle, for two if the first differs from the
@@ -59,15 +60,9 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     """
     # Simulate the nominal robot in MuJoCo, and correct the stride.
     first = simulate_gait(gait, "", gait.robot, cycles, max_cycles=MAX_CYCLES)
-    strides = np.array(first.strides)
-    made = float(np.mean(strides[1:])) if len(strides) > 1 and not first.fall else 0.0
-    if made >= MIN_STRIDE_SHARE and abs(made - 1) > MAX_ENGINE_DIFFERENCE:
-        gait = _scale_stride(gait, made)
-        strides /= made
-        first.strides = strides.tolist()
-        first.aside = (np.array(first.aside) / made).tolist()
+    gait = _announce_stride(gait, first)
     check = dataclasses.replace(gait.check, simulation=first, spread=[], checked_by=MUJOCO_NAME)
-    errors = np.abs(strides - 1)
+    errors = np.abs(np.array(first.strides) - 1)
     largest_error = errors[1:].max(initial=0.0)
     is_close = not first.fall and abs(largest_error - check.tolerance) < MAX_ENGINE_DIFFERENCE
     if check.failure() and not is_close:
@@ -75,10 +70,13 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     # Let Drake decide.
     drake_cycles = 1 if errors[0] < check.tolerance - MAX_ENGINE_DIFFERENCE else 2
     if is_close:
-        drake_cycles = len(strides)
+        drake_cycles = len(errors)
     check.simulation = simulate_gait(
         gait, "", gait.robot, drake_cycles, simulator=simulate_in_drake
     )
+    if gait.in_space:
+        gait = _announce_stride(gait, check.simulation, first)
+        check.made = gait.check.made
     check.checked_by = (
         f"{DRAKE_NAME} for {len(check.simulation.strides)} of the cycles, {MUJOCO_NAME}"
     )
@@ -90,12 +88,25 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     return dataclasses.replace(gait, check=check)
 
 
-def _scale_stride(gait: Gait, share: float) -> Gait:
-    """Return a gait with a share of its stride, turn included; its feet slide the rest."""
+def _announce_stride(gait: Gait, simulation: GaitVariation, *others: GaitVariation) -> Gait:
+    """Return a gait with the stride, turn included, that it makes from its second cycle on.
+
+    Its feet slide the rest. It stays as it is if it falls, or makes less than half of its stride.
+
+    Args:
+        simulation, others: of the gait; their strides become shares of the new one.
+    """
+    settled = simulation.strides[1:]
+    made = float(np.mean(settled)) if settled and not simulation.fall else 0.0
+    if made < MIN_STRIDE_SHARE or abs(made - 1) <= MAX_ENGINE_DIFFERENCE:
+        return gait
+    for variation in (simulation, *others):
+        variation.strides = (np.array(variation.strides) / made).tolist()
+        variation.aside = (np.array(variation.aside) / made).tolist()
     pose = gait.body_pose.copy()
-    travel = (share - 1) * gait.displacement
+    travel = (made - 1) * gait.displacement
     pose[[0, 1, 5] if gait.in_space else [0]] += np.outer(travel, gait.time / gait.period)
-    check = dataclasses.replace(gait.check, made=share * gait.check.made)
+    check = dataclasses.replace(gait.check, made=made * gait.check.made)
     return dataclasses.replace(gait, body_pose=pose, check=check)
 
 

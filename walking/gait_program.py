@@ -52,6 +52,10 @@ from walking.walker import Walker
 SLIDE_SIGNS = {"slide_forward": 1.0, "slide_backward": -1.0}
 
 MIN_LOAD_SHARE = 0.05  # of the weight, on each foot on the ground
+# In space, of robots that are calibrated, so that they are real: their limbs bend a degree or two
+# otherwise than modelled, and hips are a millimetre off, so that the body leans to a side. With
+# less on the feet of the other side, it tips over.
+MIN_LOAD_SHARE_CALIBRATED = 0.16
 MIN_SLIP = 1e-6  # m; feet that slip less have no direction
 SWING_CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
 MAX_FRICTION_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
@@ -76,9 +80,13 @@ MAX_JOINT_ANGLE_IN_SPACE = 0.2
 
 
 def default_steadiness(robot: RobotParameters) -> float:
-    """Return 25, or 12.5 for a robot whose limbs are all calibrated."""
-    calibrated = all(limb.parameters.calibration for limb in robot.limbs)
-    return STEADINESS_CALIBRATED if calibrated else STEADINESS
+    """Return 25, or 12.5 for a robot that is calibrated."""
+    return STEADINESS_CALIBRATED if is_calibrated(robot) else STEADINESS
+
+
+def is_calibrated(robot: RobotParameters) -> bool:
+    """Return whether all limbs of a robot are calibrated."""
+    return all(limb.parameters.calibration for limb in robot.limbs)
 
 
 class GaitProgram:
@@ -341,7 +349,9 @@ class GaitProgram:
         if "swing" in contacts:
             self._bound(force, 0.0, 0.0)
             return
-        self._bound(force[-1:], MIN_LOAD_SHARE * self.load, np.inf)
+        leans = self.in_space and is_calibrated(self.robot)
+        share = MIN_LOAD_SHARE_CALIBRATED if leans else MIN_LOAD_SHARE
+        self._bound(force[-1:], share * self.load, np.inf)
 
         # Friction of a foot that slides in a plane: f_t = -μ f_n u.
         mu = self.walker.friction

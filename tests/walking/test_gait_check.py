@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from limb_systems import LimbError, Recording, RestMemory, simulate
+from limb_systems.limb_parameters import CalibrationRecord
 from walking import Gait, GaitVariation, Robot, check_gait, walk
 from walking.gait_check import (
     find_fall,
@@ -14,6 +15,7 @@ from walking.gait_check import (
     simulate_gait,
     simulate_in_drake,
     variations,
+    with_varied_parameters,
 )
 from walking.in_mujoco import simulate_in_mujoco
 
@@ -38,6 +40,7 @@ def test_strides_are_as_planned(checked):
     [
         ([0.97, 0.93, 0.95], 0.94, None),
         ([1.0, 0.995, 0.995], 1.0, None),
+        ([0.8, 1.0, 1.0], 1.0, None),  # until its feet are where the motion has them
         ([0.9, 0.8, 0.95], 0.875, "more than 5%"),  # not steadily
         ([0.4, 0.4, 0.4], 1.0, "a stride is 40.0% of the planned one"),
     ],
@@ -109,6 +112,21 @@ def test_variations_are_of_friction_and_of_each_limb(gait):
             shares = [share, *(getattr(laws[0], f) / getattr(laws[1], f) for f in ("a1", "beta"))]
             assert np.abs(np.array(shares) - 1) == pytest.approx(0.1)
     assert len({other.digest for other in drawn}) == len(drawn)
+
+
+def test_heat_and_the_ratio_of_torque_to_stiffness_vary_less_where_they_are_known(gait):
+    """Feedback holds the heat in space, and bends of calibrated limbs tell the ratio."""
+    robot = copy.deepcopy(gait.robot)
+    for limb in robot.limbs:
+        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    varied = with_varied_parameters(robot, np.random.default_rng(0), heat=False)
+    for limb, planned in zip(varied.limbs, robot.limbs, strict=True):
+        segment, described = (each.parameters.segments[0] for each in (limb, planned))
+        stiffness = segment.stiffness / described.stiffness
+        torque = segment.wires[0].law.beta / described.wires[0].law.beta
+        assert abs(stiffness - 1) == pytest.approx(0.1)
+        assert abs(torque / stiffness - 1) == pytest.approx(0.05)
+        assert segment.wires[0].law.a1 == described.wires[0].law.a1
 
 
 def test_a_walk_from_cold_comes_to_the_gait(checked):

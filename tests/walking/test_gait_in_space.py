@@ -1,5 +1,6 @@
 """Gaits in space: mechanics against Drake's plant, walks with contact, requests, and the way."""
 
+import copy
 import math
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
-from limb_systems import LimbError, Recording
+from limb_systems import HystereticLaw, LimbError, LimbModel, Recording
 from limb_systems.files.output import OutputError
+from limb_systems.limb_parameters import CalibrationRecord
 from planners import PlanningError
 from soft_limb.command import main
 from walking import (
@@ -21,6 +23,8 @@ from walking import (
     plan_gait,
 )
 from walking.gait_check import simulate_gait
+from walking.gait_planning import _solve_with_gradual_turns
+from walking.gait_program import GaitProgram
 from walking.gait_set import load_gaits, save_gaits
 from walking.robot import set_positions
 from walking.schedules import candidate_schedules, format_schedule, parse_schedule
@@ -108,6 +112,43 @@ def test_three_limbs_walk_as_planned_in_drake(gaits, name):
 def test_a_gait_along_an_arc_begins_with_the_heat_of_the_one_ahead(gaits):
     first, then = (gaits[name].wire_temperature[:, 0] for name in ("ahead", "left"))
     np.testing.assert_allclose(then, first, atol=1e-9)
+
+
+def test_a_gait_of_gradual_paths_has_the_heat_of_the_true_ones(gaits, monkeypatch):
+    """Its duty, without a solution of the program, which takes ten seconds."""
+    monkeypatch.setattr("walking.gait_planning.START_CYCLES", 2)
+    monkeypatch.setattr("walking.gait_planning._solve", lambda *_: gaits["spot"])
+    robot = copy.deepcopy(THREE)
+    for wire in robot.as_single_limb.wires:
+        wire.law = HystereticLaw()
+    program = GaitProgram(robot, gaits["spot"].schedule, gaits["spot"].intervals)
+    gait = _solve_with_gradual_turns(program, None, 1.0)
+    assert gait.robot == robot
+    assert (gait.duty == gaits["spot"].duty).all()
+    wires = LimbModel.of(robot.as_single_limb).wires
+    times = np.array([0.0, gait.time[1]])
+    duty = np.tile(gait.duty[:, 0], (2, 1))
+    reached = wires.integrate_states(gait.wire_states[:, 0], duty, times)[-1]
+    np.testing.assert_allclose(gait.wire_states[:, 1], reached, atol=1e-9)
+    assert np.abs(gait.wire_temperature[:, -1] - gait.wire_temperature[:, 0]).max() < 4.0
+
+
+def test_feet_of_calibrated_robots_carry_more(gaits):
+    """A sixth of the weight, so that a robot that leans to a side does not tip over."""
+    robot = copy.deepcopy(THREE)
+    for limb in robot.limbs:
+        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    least = []
+    for described in (THREE, robot):
+        program = GaitProgram(described, gaits["ahead"].schedule, [2] * 6)
+        loads = {int(index) for index in program.forces[..., -1].ravel()}
+        for binding in program.prog.bounding_box_constraints():
+            indices = program.prog.FindDecisionVariableIndices(binding.variables())
+            if loads & {*indices}:
+                least.append(binding.evaluator().lower_bound()[0] / program.load)
+    num_loads = len(least) // 2
+    assert least == pytest.approx([0.05] * num_loads + [0.16] * num_loads)
+    assert num_loads == 12 * len(THREE.limbs)
 
 
 def test_wires_go_from_heat_to_heat_along_a_line(gaits):
