@@ -11,10 +11,9 @@ from limb_systems import LimbError
 from limb_systems.progress import Progress
 from planners.transcription.ipopt import INFEASIBLE_STATUS, ExactHessianIpoptSolver
 from planners.transcription.program import PlanProgram
-
 # Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
-# low that it raises the cost by less than 1e-6 of it. With multipliers it begins at its end. With
-# IPOPT's own ``tol``, costs are better by 1e-8 of them, and a third of the iterations are added.
+# low that it raises the cost by less than 1e-6 of it. With multipliers it begins at its end. IPOPT's
+# own ``tol`` changes costs by less than 1e-7 of them, and takes one to four iterations more.
 NEAR_OPTIONS = {
     "tol": 1e-3,
     "constr_viol_tol": 1e-8,
