@@ -172,7 +172,7 @@ LIMB = {
     "bend_angle": ("Sec. VI", ["φ"]),
 }
 TWIN = {
-    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T", "", "D"]),
+    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T", ""]),
     "rubber": ("stiffens, relaxes", ["f, q"]),
     "heater_cut_out": ("at 110 °C", ["D", ""]),
     "exact_bend": ("α/2 or chord", ["φ"]),

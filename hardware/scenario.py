@@ -97,15 +97,6 @@ def export_limb(builder: DiagramBuilder, limb: System, name: str) -> None:
         builder.ExportOutput(limb.GetOutputPort(output), f"{name}.{output}")
 
 
-def _plant_config() -> MultibodyPlantConfig:
-    """Return Drake's settings of the plant with the contact of a robot."""
-    return MultibodyPlantConfig(
-        time_step=TIME_STEP,
-        discrete_contact_approximation="sap",
-        sap_near_rigid_threshold=NEAR_RIGID_THRESHOLD,
-    )
-
-
 @dataclasses.dataclass
 class Scenario:
     """A scenario like those for Drake's hardware_sim, without LCM and cameras.
@@ -121,7 +112,13 @@ class Scenario:
 
     directives: list[ModelDirective] = dataclasses.field(default_factory=list)
     model_drivers: dict[str, LimbDriver | ZeroForceDriver] = dataclasses.field(default_factory=dict)
-    plant_config: MultibodyPlantConfig = dataclasses.field(default_factory=_plant_config)
+    plant_config: MultibodyPlantConfig = dataclasses.field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=TIME_STEP,
+            discrete_contact_approximation="sap",
+            sap_near_rigid_threshold=NEAR_RIGID_THRESHOLD,
+        )
+    )
     simulator_config: SimulatorConfig = dataclasses.field(
         default_factory=lambda: SimulatorConfig(integration_scheme="")
     )

@@ -3,7 +3,7 @@
 import contextlib
 import copy
 import dataclasses
-import logging
+import logging.handlers
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -117,12 +117,24 @@ class Station(Diagram, Closeable):
             if limbs == SIMULATED:
                 _add_plant(builder, scenario, drivers, folder)
                 if meshcat:
-                    _add_visualization(builder, list(limb_drivers), meshcat)
+                    # Show the models, with wires in the colour of their heat.
+                    ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
+                    for name in limb_drivers:
+                        wires = builder.GetSubsystemByName(f"{name}_actuation")
+                        colors = builder.AddSystem(WireColors(wires.parameters, meshcat, name))
+                        temperature = wires.GetOutputPort("wire_temperature")
+                        builder.Connect(temperature, colors.get_input_port())
             for name, driver in limb_drivers.items() if limbs != SIMULATED else ():
-                limb = _make_limb_alone(name, driver, limbs)
-                if limbs == BOARD:
+                if limbs == EMULATED:
+                    limb = LimbTwin(driver.parameters, seed=driver.seed, truth=True)
+                elif driver.port:
+                    limb = SerialLimb(driver.port, driver.parameters)
                     opened.callback(limb.close)
                     links.append(limb.link)
+                else:
+                    raise StationError(
+                        f"The driver of {name} has no port; give its board's serial port."
+                    )
                 builder.AddNamedSystem(name, limb)
                 export_limb(builder, limb, name)
             switch_off_together(links)
@@ -343,22 +355,16 @@ def _refuse_replaced_inertia() -> Iterator[None]:
 
     It does so where moments break the triangle inequality, with only a message in its log.
     """
-    records: list[logging.LogRecord] = []
-
-    class RecordKeeper(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            records.append(record)
-
     # Keep what Drake logs while models are loaded.
     log = logging.getLogger("drake")
-    keeper = RecordKeeper()
+    keeper = logging.handlers.BufferingHandler(capacity=10_000)
     log.addHandler(keeper)
     try:
         yield
     finally:
         log.removeHandler(keeper)
     # Find a message about a body's moments of inertia.
-    for record in records:
+    for record in keeper.buffer:
         place, warning, reason = record.getMessage().partition(" warning: While parsing inertia")
         if warning:
             moments = reason.partition("principal moments of inertia:")[2].split("do not")[0]
@@ -367,21 +373,3 @@ def _refuse_replaced_inertia() -> Iterator[None]:
                 "body, and Drake would replace them by a ball of water's; give moments of which "
                 "none is larger than the other two together."
             )
-
-
-def _add_visualization(builder: DiagramBuilder, limbs: list[str], meshcat: Meshcat) -> None:
-    """Show the simulated models, with wires in the colour of their heat."""
-    ApplyVisualizationConfig(VisualizationConfig(), builder, meshcat=meshcat)
-    for name in limbs:
-        wires = builder.GetSubsystemByName(f"{name}_actuation")
-        colors = builder.AddSystem(WireColors(wires.parameters, meshcat, name))
-        builder.Connect(wires.GetOutputPort("wire_temperature"), colors.get_input_port())
-
-
-def _make_limb_alone(name: str, driver: LimbDriver, kind: str) -> LimbTwin | SerialLimb:
-    """Return an emulated limb, or a limb on a board."""
-    if kind == EMULATED:
-        return LimbTwin(driver.parameters, seed=driver.seed, truth=True)
-    if not driver.port:
-        raise StationError(f"The driver of {name} has no port; give its board's serial port.")
-    return SerialLimb(driver.port, driver.parameters)

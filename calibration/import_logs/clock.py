@@ -100,16 +100,11 @@ def _time_unit(name: Name, present: np.ndarray) -> str:
 def times_of(
     table: LogTable, column: TimeColumn, rate: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray | slice, bool]:
-    """Return the times of rows (K,), s by their clock, and which rows those are.
+    """Return the times of rows (K,), s by their clock, which rows those are, and if it is coarse.
 
-    Each row is later than the row before, also if the newest row of the table comes first. Times
-    of a coarse clock are made even; the last value says so.
-
-    Args:
-        rate: rate of the rows or frames, Hz, if the log has no time or counts frames.
-
-    Raises:
-        LogError: if there are too few.
+    Each row is later than the row before, also if the newest row of the table comes first. Times of
+    a coarse clock are made even. ``rate`` is of the rows or frames, Hz, if the log has no time.
+    LogError if too few rows are left.
     """
     times = row_times(table, column, rate)
     direction = -1 if is_reversed(times) else 1
@@ -221,14 +216,9 @@ def aligned_offset(
 ) -> float:
     """Return the offset, s, to add to a second file's times so that two signals agree best.
 
-    Both signals are of the same run. Their agreement is the absolute value of their correlation.
-
-    Args:
-        times, signal: the log's times (K,), s from its first row, and a signal in it.
-        second_times, second_signal: the second file's times (L,) and signal (L,), in any unit.
-
-    Raises:
-        LogError: if no offset is clearly better than all others.
+    Both signals are of the same run, in any units; times (K,) and (L,) are from each file's first
+    row. Their agreement is the absolute value of their correlation. LogError if no offset is
+    clearly better than all others.
     """
     # Reduce both signals to the same even steps.
     shortest = min(times[-1], second_times[-1])

@@ -37,8 +37,8 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
 class Steps:
     """Even steps to which the signals of a log are reduced to be compared.
 
-    In shapes, K are rows, N steps, W wires, M signals, F bends and C causes. The heat of a wire is
-    its duty through a low pass, which its warmth and the bend follow.
+    In shapes, K are rows, N steps, W wires, M signals and F bends. The heat of a wire is its duty
+    through a low pass, which its warmth and the bend follow.
 
     - ``step_of_row``: number of the step of each row (K,).
     - ``times``: (N,), s from the first row.
@@ -69,8 +69,7 @@ class Steps:
     def response(self, heats: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much a signal (N,) changes for a unit of the heat of W wires (W, N).
 
-        Returns:
-            gains (W,), and their standard errors (W,): infinite for wires without heat.
+        The second value is the standard error of each gain (W,): infinite for wires without heat.
         """
         gains = np.zeros(len(heats))
         errors = np.full(len(heats), np.inf)
@@ -116,8 +115,7 @@ def clear_pairs(gains: np.ndarray, errors: np.ndarray) -> list[int | None]:
     A wire warms its thermocouple more than others do, and more than the others, by a factor; one
     of both by `MIN_VOTE` standard errors. Pairs that are clear leave fewer rivals to the others.
 
-    Args:
-        gains, errors: warming of M thermocouples by W wires, and its standard error (M, W).
+    Gains and errors are the warming of M thermocouples by W wires, and its standard error (M, W).
     """
     pairs: list[int | None] = [None] * gains.shape[1]
     is_open = np.isfinite(errors) & np.isfinite(errors).all(axis=0)  # wires without heat warm none
@@ -145,12 +143,9 @@ def clear_votes(
     """Return how clearly each wire bends a limb to its side (W,), in standard errors.
 
     A bend must follow the heat of the duty and what thermocouples read: a vote is the clearer of
-    both, and 0 if they contradict each other.
-
-    Args:
-        causes: heat of the W wires in N steps (W, N), and their thermocouples' readings (W, N).
-        bends: F bends (F, N), rad.
-        levers: direction of each wire among the bends (F, W).
+    both, and 0 if they contradict each other. Causes are the heat of the wires, and the readings of
+    their thermocouples, (W, N) each; bends (F, N) are in rad; levers are the direction of each wire
+    among the bends (F, W).
     """
     votes = []
     for cause in causes:

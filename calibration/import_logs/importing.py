@@ -60,11 +60,7 @@ class ImportedLog:
     def read(
         self, parameters: LimbParameters | None = None, tables: list[LogTable] | None = None
     ) -> None:
-        """Read the recordings by the mapping, if nothing is asked; see `read_log`.
-
-        Raises:
-            LogError: if the log is not as the mapping says.
-        """
+        """Read the recordings by the mapping, if nothing is asked; see `read_log` for its error."""
         if not self.asks:
             log = read_log(self.path, self.limb.mapping, parameters, tables)
             self.recordings, self.remarks = log
@@ -80,19 +76,17 @@ def import_logs(
     """Read logs, and return each limb in them with its recordings or questions.
 
     What is asked of a log that has little heat, another log with the same columns may tell. A log
-    whose name begins with "sag" and that has no heat is of a limb that is mounted so that gravity
-    bends it, to the side where it bends.
+    whose name begins with "sag" and that has no heat is of a limb that gravity bends.
 
     Args:
         mapping: mapping of all logs; proposed for each log if None.
         parameters: the limb's description; the nominal limb if None.
-        unread: gets why a log is left out that is no table of text with rows of numbers; if None,
-            none is left out.
+        unread: gets why a log is left out that has no rows of numbers; if None, none is left out.
         dictionary: words of the columns' names; the words of `words` if None.
 
     Raises:
-        LogError: if a log is no table of text with rows of numbers, unless it is left out beside
-            another one; if it is not as the given mapping says.
+        LogError: if a log has no rows of numbers and is not left out, or if it is not as the given
+            mapping says.
     """
     # Read each table, and propose what its columns are.
     files = list(dict.fromkeys(map(Path, paths)))

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.import_logs import cells, clock
+from calibration.import_logs import clock
 from calibration.import_logs.evidence import forward_fill
 from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
 from calibration.import_logs.points import link_directions, wrapped
-from calibration.import_logs.table import LogError, LogTable, read_table, unique_names
+from calibration.import_logs.table import LogError, LogTable, number, read_table, unique_names
 from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.recording import Recording
@@ -42,8 +42,6 @@ def read_log(
     """Return the recordings of a log, and remarks on what is left out or assumed, in sentences.
 
     Args:
-        path: the file of the log.
-        mapping: the meaning of its columns.
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
             None.
         tables: a list with the log's table, which is taken out of the list so that its memory is
@@ -76,11 +74,7 @@ def read_log(
 
 
 def described_limb(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
-    """Return the limb that a log is of, with the bend sensor that the mapping says.
-
-    Raises:
-        LogError: if the mapping has wires or bends that the description lacks.
-    """
+    """Return a log's limb and bend sensor; LogError if it lacks wires or bends of the mapping."""
     limb = copy.deepcopy(parameters or LimbParameters())
     if len(limb.segments) != 1:
         raise LogError(f"The limb has {len(limb.segments)} segments; read a log for each of them.")
@@ -165,11 +159,7 @@ class _Signals:
             row[:] = _interpolate_slow_sensor(self.times, row)
 
     def recordings(self, limb: LimbParameters) -> list[Recording]:
-        """Return a recording of the limb for each part whose duty is known.
-
-        Raises:
-            LogError: if no part is long enough.
-        """
+        """Return a recording for each part whose duty is known; LogError if all are too short."""
         times = self.times
         is_measured = ~np.isnan(self.readings).all(axis=1)
         if count := int(np.isnan(self.readings[is_measured]).any(axis=0).sum()):
@@ -356,7 +346,7 @@ def _temperatures(table: LogTable, column: str, unit: str, mapping: LogMapping) 
 
 def _numbers(table: LogTable, column: str, mapping: LogMapping) -> np.ndarray:
     """Return a column (K,) with nan for numbers that stand for no reading; words are nan."""
-    missing = list(map(cells.number, mapping.missing))
+    missing = list(map(number, mapping.missing))
     values = table.numbers(column)
     return np.where(np.isin(values, missing), np.nan, values)
 
@@ -364,8 +354,7 @@ def _numbers(table: LogTable, column: str, mapping: LogMapping) -> np.ndarray:
 def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     """Return φ of each bend in each row (F, K), rad; nan where it is missing, or beyond ±180°.
 
-    Raises:
-        LogError: if it leaves ±180° for longer than a sensor that fails now and then.
+    Raises LogError if it is beyond ±180° for longer than a sensor that fails now and then.
     """
     bend = mapping.bend
     # Read degrees from points, or from columns of angles.

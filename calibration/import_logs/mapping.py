@@ -171,10 +171,7 @@ class LogMapping(Strict):
     def with_answers(self, answers: dict[str, str]) -> "LogMapping":
         """Return the mapping with further fields, such as ``{"wires[0].duty": "pwm_left"}``.
 
-        The answer "none" to a field of a wire leaves out the wire.
-
-        Raises:
-            LogError: if a field cannot have its answer.
+        "none" for a field of a wire leaves out the wire. LogError if an answer cannot be.
         """
         # Put each answer into its place in the YAML document.
         document = yaml.safe_load(dump_typed(self))

@@ -39,13 +39,10 @@ def base_direction(coordinates: list[np.ndarray]) -> float:
 def is_clamped_at_first_point(x: np.ndarray, y: np.ndarray) -> bool:
     """Return whether the limb seems to be clamped at the first of P points in a picture.
 
-    A link joins two points. If a limb bends with constant curvature, the direction of a link turns
-    in proportion to the length of limb from the base to the middle of the link. Limbs bend more
-    near their base. The first link turns less than this if the first point lies before the base, on
-    a part that does not bend.
-
-    Args:
-        x, y: coordinates of the points, in order from the base (P, N), in any unit.
+    A link joins two points. With constant curvature, its direction turns in proportion to the
+    length from the base to its middle; limbs bend more near their base. The first link turns less
+    than this if the first point lies before the base, on a part that does not bend. ``x`` and ``y``
+    are in order from the base (P, N), in any unit.
     """
     # Measure the links, and the length from the first point to the middle of each (P - 1,).
     lengths = np.nanmedian(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)), axis=1)

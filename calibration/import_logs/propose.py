@@ -146,9 +146,7 @@ class Columns:
     ) -> None:
         """Ask for a field of the mapping, by the dictionary's question of a kind.
 
-        Args:
-            choices: answers that seem possible, or columns that do.
-            facts: what the question says; ``columns`` are the choices if left out.
+        Choices are answers, or columns, that seem possible; facts are what the question says.
         """
         choices = list(choices)
         self.free = self.free.without(choices)
@@ -598,11 +596,7 @@ class Columns:
 
 
 def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dictionary) -> Proposal:
-    """Return what the columns of a log seem to be, and what has to be asked.
-
-    Args:
-        limb: description of the limb; None if the log is of the nominal limb or a part of it.
-    """
+    """Return what the columns of a log of a limb, or of the nominal limb, seem to be."""
     columns = Columns(table, limb, dictionary)
     columns.find_duties()
     columns.find_temperatures()
@@ -621,10 +615,8 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
     """Return the number of full duty; 0 if neither names nor numbers tell it.
 
     Programs set duty in hundredths. Whole numbers that are all rounded hundredths of a counter are
-    counts of it: of 255, two of five numbers are hundredths, and of 1023 one of ten.
-
-    Args:
-        levels: the numbers in the duties but 0, without a sign.
+    counts of it: of 255, two of five numbers are hundredths, and of 1023 one of ten. ``levels`` are
+    the numbers in the duties but 0, without a sign.
     """
     # Names may have a range, such as 0..255, or a unit.
     most = float(levels.max())

@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import io
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -14,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from calibration.import_logs.cells import AMOUNT, is_name, is_number, is_time, number, time_of_day
 from calibration.import_logs.words import is_unit
 from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, check_file
@@ -28,6 +28,13 @@ MIN_FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbe
 MAX_HEAD_LINES = 10_000  # lines before the first row of numbers
 MAX_LINE_LENGTH = 100_000  # characters
 BLOCK_CHARACTERS = 2**21  # characters that are in memory as text
+AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")  # a number and its unit
+_SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
+_TIME = re.compile(
+    r"(?:\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?P<hours>\d+):(?P<minutes>\d\d?):"
+    r"(?P<seconds>\d\d)(?:[.:](?P<fraction>\d+))?\s*(?P<half>[AaPp][Mm])?\s*"
+    r"(?:Z|[-+]\d\d:?\d\d)?"
+)
 _CLOCK = r"\d\d?:\d\d:\d\d(?:[.,]\d+)?(?:\s*[AaPp][Mm])?"
 _DATED = rf"(?:\d{{4}}-\d\d-\d\d[ T]|\d\d?[./]\d\d?[./]\d{{4}} )?{_CLOCK}"
 # A terminal's time before a line: "14:02:11.451 -> ", "[14:02:11.451] ", "14:02:11.451 1,2,3".
@@ -126,9 +133,13 @@ class _Form:
         if self.width < 2 or not cells:
             return
         for mark in [decimal] if decimal else [".", ","]:
-            share = sum(_is_written(cell, mark) for cell in cells) / len(cells)
-            if share * count / len(lines) > self.score:
-                self.score = share * count / len(lines)
+            num_fitting = 0
+            for cell in cells:
+                has_other = "," in cell if mark == "." else "." in cell and "," not in cell
+                num_fitting += is_time(cell) or (not has_other and is_number(cell, mark))
+            score = num_fitting / len(cells) * count / len(lines)
+            if score > self.score:
+                self.score = score
                 self.decimal = mark
         self.is_time = []
         for column in self.columns:
@@ -180,13 +191,14 @@ class _Form:
         full = self._full_rows(rows)
         values = np.empty((self.width, len(full)))
         for index, column in enumerate(zip(*full, strict=True)):
-            read = time_of_day if self.is_time[index] else self._number
-            number_of_cell = {cell: read(cell) for cell in set(column)}
+            number_of_cell = {}
+            for cell in set(column):
+                if self.is_time[index]:
+                    number_of_cell[cell] = time_of_day(cell)
+                else:
+                    number_of_cell[cell] = number(cell, self.decimal)
             values[index] = list(map(number_of_cell.__getitem__, column))
         return values, len(rows) - len(full)
-
-    def _number(self, cell: str) -> float:
-        return number(cell, self.decimal)
 
     def read_head(self, lines: list[str], names_line: int | None) -> bool:
         """Read the lines before the numbers, and find the names if their line is not given."""
@@ -275,11 +287,8 @@ def read_table(
 ) -> LogTable:
     """Read a log whatever wrote it, and show the progress on a terminal.
 
-    Args:
-        delimiter, decimal, names_line: as in `LogTable.form`; the log shows them if left out.
-
-    Raises:
-        LogError: with one sentence, if it is no table of text with rows of numbers.
+    The log shows its form if ``delimiter``, ``decimal`` and ``names_line``, as in `LogTable.form`,
+    are left out. LogError if it is no table of text with rows of numbers.
     """
     check_file(path, "log", LARGEST_TABLE, LogError)
     path = Path(path)
@@ -328,6 +337,56 @@ def read_table(
     return LogTable(names, form.units(), values, times_of_day, fields, has_names, odd_rows)
 
 
+def number(text: str, decimal_mark: str = ".") -> float:
+    """Return the number in a cell, without its unit; nan if it has none, or one not finite.
+
+    With a decimal comma "1.234,5" is 1234.5; but "1.234" has no comma, and is 1.234.
+    """
+    if decimal_mark == "," and text.count(",") == 1 and text.rfind(".") < text.find(","):
+        text = text.replace(".", "").replace(",", ".")
+    try:
+        value = float(text)
+    except ValueError:
+        text = text.strip()
+        amount = AMOUNT.fullmatch(text)
+        if amount and is_unit(amount[2]):
+            return number(amount[1])
+        return _SWITCH_STATES.get(text.lower(), math.nan)
+    return value if math.isfinite(value) else math.nan
+
+
+def time_of_day(text: str) -> float:
+    """Return the time since midnight in a cell with or without a date, s; nan if it has none.
+
+    The date and the time zone say nothing more: no recording goes on over a gap of hours.
+    """
+    match = _TIME.fullmatch(text.strip().replace(",", "."))
+    if not match:
+        return math.nan
+    part = match.groupdict()
+    hours = int(part["hours"])
+    if part["half"]:
+        hours = hours % 12 + 12 * (part["half"][0] in "Pp")
+    seconds = float(f"{part['seconds']}.{part['fraction'] or 0}")
+    return 3600.0 * hours + 60.0 * int(part["minutes"]) + seconds
+
+
+def is_number(cell: str, decimal_mark: str) -> bool:
+    """Return whether a cell has a number."""
+    return not math.isnan(number(cell, decimal_mark))
+
+
+def is_time(cell: str) -> bool:
+    """Return whether a cell has a time of day."""
+    return not math.isnan(time_of_day(cell))
+
+
+def is_name(cell: str) -> bool:
+    """Return whether a cell may be the name of a column."""
+    has_letter = re.search(r"[^\W\d_]", cell)
+    return bool(has_letter) and not is_time(cell) and not is_number(cell, ".")
+
+
 def split_cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line; delimiters within quotes are text."""
     mark = DELIMITERS[delimiter]
@@ -347,12 +406,6 @@ def unique_names(names: Iterable[str]) -> list[str]:
         counts[name] += 1
         names_so_far.append(name if counts[name] == 1 else f"{name}_{counts[name]}")
     return names_so_far
-
-
-def _is_written(cell: str, mark: str) -> bool:
-    """Return whether a cell is a time, or a number with a decimal mark and no other."""
-    has_other = "," in cell if mark == "." else "." in cell and "," not in cell
-    return is_time(cell) or (not has_other and is_number(cell, mark))
 
 
 def _survey(path: Path) -> tuple[str, int]:

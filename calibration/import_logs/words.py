@@ -51,11 +51,7 @@ class Dictionary:
 
     @classmethod
     def load(cls, path: str | Path) -> "Dictionary":
-        """Read a lab's own words: a YAML file such as ``duty: [brenner]``.
-
-        Raises:
-            LimbError: with one sentence, if it is of another form.
-        """
+        """Read a lab's own words, such as ``duty: [brenner]`` in YAML; LimbError if it cannot."""
         try:
             data = yaml.safe_load(read_text(path, "dictionary", LimbError))
         except yaml.YAMLError as error:
@@ -137,11 +133,9 @@ class Name:
     def __init__(
         self, text: str, dictionary: Dictionary, unit: str = "", column_names: Collection[str] = ()
     ):
-        """Read a name.
+        """Read a name; its unit may also be in a row of units or in the cells.
 
-        Args:
-            unit: unit in a row of units or in the cells; empty if there is none.
-            column_names: all columns' names; they tell whether a last letter is a unit or a wire.
+        All columns' names tell whether a last letter is a unit or a wire.
         """
         self.text = text
         bare, unit_in_name = _without_unit(text, column_names)

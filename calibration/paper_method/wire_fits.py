@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from calibration.estimate import Estimate, clustered_covariance, standard_error
 from calibration.recordings.at_rest import first_readings
@@ -161,16 +161,14 @@ def fit_heat_transfer(
     start = _collocate(duty, wire_start, readings, period, ambient)
 
     # Simulate T, V and φ with x: logarithms of the rates, 1/b, T and V at the start, delay.
-    def simulated(x: np.ndarray, room: float = ambient):
+    def simulated(x: np.ndarray, room: float):
         delay = x[6] if fits_delay else 0.0
         simulated_wire, simulated_readings = simulate_heat(
             LinearLaw(*_rates(x)), duty, period, room, (x[4], x[5]), delay
         )
         return simulated_wire, simulated_readings, (simulated_wire - room) * x[3]
 
-    weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
-
-    def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
+    def residuals(x: np.ndarray, room: float, weights: tuple[float, float]) -> np.ndarray:
         _, simulated_readings, simulated_bend = simulated(x, room)
         prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if fits_delay else []
         return np.concatenate(
@@ -190,27 +188,34 @@ def fit_heat_transfer(
         [*_LOWEST, -np.inf, -np.inf, -np.inf] + [0.0] * fits_delay,
         [*_HIGHEST, np.inf, np.inf, np.inf] + [MAX_DELAY] * fits_delay,
     )
-    fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
-    # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
-    # less weight than one with the same noise that does not drift.
     since = recording.time - recording.time[0]
     block_time = min(RESIDUAL_BLOCK_TIME, since[-1] / MIN_BLOCKS)
     blocks = (since / block_time).astype(int)[is_read]
-    for _ in range(NUM_REWEIGHTINGS):
-        _, simulated_readings, simulated_bend = simulated(fit.x)
-        residual_pair = (simulated_readings - readings)[is_read], (simulated_bend - bend)[is_read]
-        weights = [1 / _independent_deviation(residual, blocks) for residual in residual_pair]
-        fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
-    simulated_wire, simulated_readings, simulated_bend = simulated(fit.x)
-    # Standard errors by the jackknife over blocks, and by the change of residuals if T0 is 1 °C
-    # higher, times the error of T0.
+
+    def fit_in(room: float, x: np.ndarray) -> OptimizeResult:
+        """Return the fit with T0 at a temperature, °C, from a start."""
+        weights = 1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE
+        for _ in range(1 + NUM_REWEIGHTINGS):
+            fit = least_squares(residuals, x, args=(room, weights), bounds=bounds, x_scale=scale)
+            x = fit.x
+            # Weight each signal by the standard deviation of its residuals. A sensor that drifts
+            # gets less weight than one with the same noise that does not drift.
+            _, heat, angle = simulated(x, room)
+            heat_deviation = _independent_deviation((heat - readings)[is_read], blocks)
+            angle_deviation = _independent_deviation((angle - bend)[is_read], blocks)
+            weights = 1 / heat_deviation, 1 / angle_deviation
+        return fit
+
+    fit = fit_in(ambient, np.array(guess))
+    simulated_wire, simulated_readings, simulated_bend = simulated(fit.x, ambient)
+    # Standard errors by the jackknife over blocks, and by a fit with T0 off by its error.
     clusters = np.tile(blocks, 2)
     count = len(clusters)
     prior = fit.jac[-1] if fits_delay else None
     covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
-    change = residuals(fit.x, ambient + 1.0) - fit.fun
-    shift = np.linalg.pinv(fit.jac) @ change * ambient_error
-    covariance += np.outer(shift, shift)
+    if ambient_error:
+        shift = fit_in(ambient + ambient_error, fit.x).x - fit.x
+        covariance += np.outer(shift, shift)
     values = _rates(fit.x)
     value_covariance = covariance[:3, :3] * np.outer(values, values)
     errors = np.abs(values) * np.sqrt(np.diag(covariance)[:3])

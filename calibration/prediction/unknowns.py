@@ -122,9 +122,9 @@ def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarra
 
 
 def laws_before_fit(law: type[WireLaw], segment: SegmentParameters) -> list[WireLaw]:
-    """Return each wire's law (W), whose fields without a range stay: as described, or new.
+    """Return the law of each wire before the fit (W): as described, if it is of this class.
 
-    A word chooses the equations of a lab's law, for example.
+    The fit keeps fields without a range, such as a word that chooses the equations of a lab's law.
     """
     laws = [wire.law for wire in segment.wires]
     return [copy.copy(described) if type(described) is law else law() for described in laws]

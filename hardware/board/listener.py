@@ -13,7 +13,7 @@ READINGS = ("measured_temperature", "bend_angle")
 
 
 class SignalListener(LeafSystem):
-    """Hands signals to a function at a rate.
+    """A system that hands signals to a function at a rate.
 
     - an input for each signal, by its name, such as ``duty`` (W), in [0, 1]
     """

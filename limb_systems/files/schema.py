@@ -25,6 +25,7 @@ from limb_systems.files.input import LARGEST_TEXT
 
 T = typing.TypeVar("T")
 _NO_METADATA: typing.Mapping = types.MappingProxyType({})
+_hints = functools.cache(typing.get_type_hints)  # of a dataclass's fields, by their names
 _NULLS = ("null", "~", "")
 _SPECIAL_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}  # YAML's text, and Python's
 
@@ -410,12 +411,6 @@ def _instantiable_subclasses(classes: list[type]) -> list[type]:
             instantiable.append(cls)
         instantiable += _instantiable_subclasses(cls.__subclasses__())
     return instantiable
-
-
-@functools.cache
-def _hints(schema: Any) -> dict[str, Any]:
-    """Return the types of a dataclass's fields by their names."""
-    return typing.get_type_hints(schema)
 
 
 def did_you_mean(name: str, names: collections.abc.Sequence[str]) -> str:

@@ -28,7 +28,13 @@ from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.linearized import LinearizedProgram
 from planners.transcription.program import PlanProgram, add_at_knots, reading_bounds
-from planners.transcription.solving import InfeasibleError, Solution, solve_program
+from planners.transcription.solving import (
+    COARSE_START_OPTIONS,
+    START_OPTIONS,
+    InfeasibleError,
+    Solution,
+    solve_program,
+)
 
 START_KNOT_SPACING = 0.5  # s, between the knots of a start
 CHECK_STEP = 0.5  # s, of the integration that checks whether limits can be met
@@ -164,18 +170,19 @@ def solve_quasi_static(
         knots: np.ndarray,
         start: tuple[np.ndarray, np.ndarray] | None,
         is_near: bool = False,
-        is_start: bool = is_start,
+        accuracy: dict[str, float] | None = START_OPTIONS if is_start else None,
     ) -> tuple[QuasiStaticProgram, Solution]:
         """Solve the program at some knots, from heat and duty at these knots."""
         program = QuasiStaticProgram(model, times[knots], model.statics, task, measured_margin)
         program.update(reference[:, knots], initial_heat, warm_up_time)
         linear = None if start else program.linear_start()
         if linear and is_start:
+            program.free_last_duty(linear)
             return program, linear
         if linear:
             return program, solve_program(program, linear.x, linear.multipliers)
         guess = program.variables(*start) if start else program.guess()
-        return program, solve_program(program, guess, starts_near=is_near, is_start=is_start)
+        return program, solve_program(program, guess, starts_near=is_near, accuracy=accuracy)
 
     # Solve a convex program, or a program with a start, at once.
     every = np.arange(len(times))
@@ -186,7 +193,7 @@ def solve_quasi_static(
     # Start another program from its solution at fewer knots.
     grid = np.linspace(times[0], times[-1], num_intervals + 1)
     some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
-    program, solution = solve(some, None, is_start=True)
+    program, solution = solve(some, None, accuracy=COARSE_START_OPTIONS)
     heat = solution.x[program.heat]
     duty = solution.x[program.duty]
     rates = wires.heat_rates(heat, duty)
@@ -326,6 +333,20 @@ class QuasiStaticProgram(PlanProgram):
         self.set_free_readings(x)
         x[self.bends] = self.statics.values(x[self.heat[:, : self.wires.num_states]])
         return solution
+
+    def free_last_duty(self, solution: Solution) -> None:
+        """Move the last duty of a solution away from its bounds, if the task lets it jump.
+
+        It moves the last bend of this program at once, but not the last bend of a limb with
+        inertia. A solver that starts from bounds which are not active needs twice the iterations.
+        """
+        if self.task.duty_hold or solution.multipliers is None:
+            return
+        _, of_bounds = solution.multipliers
+        last = self.duty[-1]
+        most = min(1.0 - self.task.duty_margin, self.parameters.total_duty / len(last))
+        solution.x[last] = 0.5 * most
+        of_bounds[last] = 0.0
 
     def _duty_of_linear_wires(self) -> np.ndarray | None:
         """Return the best duty (K, W) for `linear_limb`, its only optimum; None if infeasible."""

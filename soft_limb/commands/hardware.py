@@ -56,10 +56,10 @@ from soft_limb.commands.options import (
     save_panels,
     shared,
 )
+from soft_limb.commands.planners import NAMED_REFERENCES, load_task, plan_reference
 from soft_limb.reports.plan_report import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary, troubles
 from soft_limb.runs import repetitions
-from soft_limb.runs.plan_run import NAMED_REFERENCES, load_task, plan_from_files
 from soft_limb.runs.rollout import DEFAULT_FEEDBACK, roll_out
 
 if TYPE_CHECKING:
@@ -329,14 +329,7 @@ def _follow(options: argparse.Namespace) -> int:
         resting_limb = _limb(limb, options)
         with closing(resting_limb):
             start = present_readings(resting_limb)
-        trajectory = plan_from_files(
-            options.reference,
-            limb,
-            options.smooth,
-            start=start,
-            task=task,
-            knot_rate=options.knot_rate,
-        )
+        trajectory = plan_reference(options, limb, task, start)
         trajectory.save(plan_file)
         # Drive the limb along the plan.
         duration = f"{trajectory.duration:g} s"

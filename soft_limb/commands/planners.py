@@ -1,10 +1,17 @@
-"""The command ``soft-limb plan``."""
+"""The command ``soft-limb plan``, and references and tasks of other commands."""
 
 import argparse
 from pathlib import Path
+from typing import Any
 
-from limb_systems import LimbParameters
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake import trajectories
+
+from hardware.board.signals import default_signal_handlers
+from limb_systems import LimbParameters, Recording, Trajectory, resting_state
 from limb_systems.views.panels import tracking_panels
+from planners import Task, TaskError, plan, references
 from planners.planning import MAX_KNOTS
 from soft_limb.commands.options import (
     Command,
@@ -15,8 +22,61 @@ from soft_limb.commands.options import (
     shared,
 )
 from soft_limb.reports.plan_report import write_plan_report
+from soft_limb.results.read_result import guess_file_kind
 from soft_limb.results.summaries import plan_summary
-from soft_limb.runs.plan_run import load_task, plan_from_files
+
+NAMED_REFERENCES = {
+    "ramps": references.ramps,
+    "fig5": references.step_and_decaying_sine,
+    "circle": lambda: references.circle(np.deg2rad(15.0), 50.0),
+    "eight": lambda: references.eight(np.deg2rad(15.0), np.deg2rad(8.0), 80.0),
+}
+
+
+def load_task(name: str, limb: LimbParameters) -> Task:
+    """Return the task "paper", the task "closed-loop" for a limb, or a task from a file."""
+    if name == "closed-loop":
+        return Task.closed_loop(limb)
+    if name == "paper":
+        return Task.paper()
+    if not Path(name).exists():
+        raise TaskError(
+            f"There is no task {name!r}, nor a file of this name; give 'paper', 'closed-loop' or a "
+            "YAML file."
+        )
+    return Task.load(name)
+
+
+def load_reference(name: str, smoothing_time: float) -> trajectories.Trajectory:
+    """Return a named reference, or a reference from a recording or a CSV of s and °."""
+    if name in NAMED_REFERENCES:
+        return NAMED_REFERENCES[name]()
+    if guess_file_kind(Path(name)) == "recording":
+        return references.from_recording(Recording.load(name), smoothing_time)
+    return references.load(name)
+
+
+def plan_reference(
+    options: argparse.Namespace,
+    limb: LimbParameters,
+    task: Task | None,
+    start: ArrayLike | None,
+    **settings: Any,
+) -> Trajectory:
+    """Plan the reference of a command; a signal ends the process at once while it plans.
+
+    Args:
+        start: readings V of the resting limb at the start, °C; ambient temperature if None.
+        settings: further arguments of `planners.plan`, whose errors are raised.
+    """
+    if vars(options).get("tip"):
+        motion = references.load_tip_path(options.reference, limb)
+    else:
+        motion = load_reference(options.reference, options.smooth)
+    if start is not None:
+        settings["initial_state"] = resting_state(limb, start)
+    with default_signal_handlers():
+        return plan(limb, motion, task=task, knot_rate=options.knot_rate, **settings)
 
 
 def _temperatures(text: str) -> list[float]:
@@ -33,14 +93,12 @@ def _plan(options: argparse.Namespace) -> int:
     # Plan.
     outputs = checked_outputs(options, options.reference, options.limb, options.task)
     limb = LimbParameters.of(options.limb)
-    trajectory = plan_from_files(
-        options.reference,
+    task = load_task(options.task, limb) if options.task else None
+    trajectory = plan_reference(
+        options,
         limb,
-        options.smooth,
-        options.tip,
+        task,
         options.start,
-        task=options.task and load_task(options.task, limb),
-        knot_rate=options.knot_rate,
         max_knots=options.max_knots,
         tolerance_deg=options.tolerance,
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbParameters, Recording, Trajectory
 from limb_systems.errors import LimbError
 from limb_systems.files.duty_export import write_c_header, write_rows
 from limb_systems.files.output import OutputError, check_outputs, write_atomically
@@ -22,24 +22,32 @@ from soft_limb.results.summaries import troubles
 from urdf import limb_mjcf, limb_sdf, limb_urdf
 
 
-def _write_model(write: Callable[..., str], limb: LimbParameters, path: Path) -> None:
-    write_atomically(path, write(limb.segments, path.stem, payload=limb.payload))
+def _write_duty(write: Callable, plan: Trajectory, options: argparse.Namespace) -> None:
+    write(plan, options.output, options.rate, options.duty_max)
 
 
-def _write_mjcf(limb: LimbParameters, path: Path, callback: Path | None) -> None:
+def _write_model(
+    generate: Callable[..., str], limb: LimbParameters, options: argparse.Namespace
+) -> None:
+    path = options.output
+    write_atomically(path, generate(limb.segments, path.stem, payload=limb.payload))
+
+
+def _write_mjcf(limb: LimbParameters, options: argparse.Namespace) -> None:
     try:
-        model = limb_mjcf(limb, callback=callback is not None)
+        model = limb_mjcf(limb, callback=options.callback is not None)
     except ValueError as error:
         raise LimbError(str(error)) from error
-    if callback:
-        write_atomically(callback, wire_callback(limb))
-    write_atomically(path, model)
+    if options.callback:
+        write_atomically(options.callback, wire_callback(limb))
+    write_atomically(options.output, model)
 
 
 MJCF = ".xml"
-_FORMATS: dict[str, tuple[str, Callable]] = {  # kind of the result and writer, by suffix
-    ".csv": (TRAJECTORY, write_rows),
-    ".h": (TRAJECTORY, write_c_header),
+# Kind of the result, and its writer by the value and the options, for each suffix.
+_FORMATS: dict[str, tuple[str, Callable[[Any, argparse.Namespace], None]]] = {
+    ".csv": (TRAJECTORY, functools.partial(_write_duty, write_rows)),
+    ".h": (TRAJECTORY, functools.partial(_write_duty, write_c_header)),
     ".sdf": (LIMB, functools.partial(_write_model, limb_sdf)),
     ".urdf": (LIMB, functools.partial(_write_model, limb_urdf)),
     MJCF: (LIMB, _write_mjcf),
@@ -115,9 +123,7 @@ def _export(options: argparse.Namespace) -> int:
         raise OutputError(
             "--callback writes the C code of a limb's wires; give an output that ends with .xml."
         )
-    outputs = [options.output]
-    if options.callback:
-        outputs.append(options.callback)
+    outputs = [options.output, options.callback]
     check_outputs(outputs, inputs=[options.file], force=options.force)
     # Read and convert.
     result = read_result(options.file)
@@ -125,10 +131,7 @@ def _export(options: argparse.Namespace) -> int:
         raise LimbError(
             f"{result.path} is a {result.kind}; only a {kind} can be exported as {suffix}."
         )
-    settings: tuple[Any, ...] = (options.rate, options.duty_max) if kind == TRAJECTORY else ()
-    if suffix == MJCF:
-        settings = (options.callback,)
-    write(result.value, options.output, *settings)
+    write(result.value, options)
     print_summary(options, Summary([]), outputs)
     return 0
 

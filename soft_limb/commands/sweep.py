@@ -33,9 +33,9 @@ from soft_limb.commands.options import (
     print_table,
     shared,
 )
+from soft_limb.commands.planners import load_reference
 from soft_limb.runs import CONTROLLERS, OPEN_LOOP
 from soft_limb.runs.jobs import run_each
-from soft_limb.runs.plan_run import load_reference
 from soft_limb.runs.rollout import make_controller
 
 SMOOTHING_TIME = 0.5  # s, over which a recording's bend angle is smoothed

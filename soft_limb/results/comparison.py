@@ -278,6 +278,8 @@ def _is_equal(value: Any, other: Any) -> bool:
     """Return True for equal values; numbers are equal up to rounding, and NaN equals NaN."""
     if _is_number(value) and _is_number(other):
         return math.isclose(value, other, rel_tol=ROUNDING_ERROR)
+    if isinstance(value, list) and isinstance(other, list) and len(value) == len(other):
+        return all(map(_is_equal, value, other))
     return value == other or (value != value and other != other)
 
 

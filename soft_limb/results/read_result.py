@@ -27,9 +27,7 @@ ENTRY_POINTS = "soft_limb.results"  # group of entry points: dicts of readers li
 TABLE_KINDS = ("recording", "trajectory", "gait", "learning")  # kinds by the first line
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
-# Fields at the top level of a limb.
-_LIMB = {"ambient_temperature", "board", "calibration", "format", "gravity", "payload", "segments"}
-_LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
+LIMB_FIELDS = {field.name for field in dataclasses.fields(LimbParameters)}
 
 
 class ResultError(LimbError):
@@ -122,7 +120,7 @@ def kind_of_head(path: Path, head: str) -> str:
     fields = top_level_fields(head) if path.suffix in (".yaml", ".yml") else set()
     if fields & CONNECTED_FIELDS:
         return "robot"
-    return "limb" if fields & _LIMB else ""
+    return "limb" if fields & LIMB_FIELDS else ""
 
 
 def is_html(head: str) -> bool:

@@ -131,11 +131,15 @@ def test_the_room_is_not_as_warm_as_recordings_that_are_never_cold(model_recordi
         ambient_temperature([with_room(5.0)])
 
 
-def test_an_error_of_the_room_adds_to_the_errors_of_the_rates(model_recordings):
+def test_an_error_of_the_room_adds_what_rates_differ_by_in_another_room(model_recordings):
+    """In a room that is as much colder; 0.5 °C of some 60 °C."""
     (recording,) = model_recordings["right"]
     exact = fit_heat_transfer(recording, 1, 23.0)
     uncertain = fit_heat_transfer(recording, 1, 23.0, 0.5)
-    for name in ("a1", "a2"):
-        error = getattr(uncertain, name).standard_error
-        assert error > 3 * getattr(exact, name).standard_error
-        assert error < 0.02 * abs(getattr(uncertain, name).value)  # 0.5 °C of some 60 °C
+    colder = fit_heat_transfer(recording, 1, 22.5)
+    for name in ("a1", "a2", "a3"):
+        rate, other, moved = (getattr(fit, name) for fit in (exact, uncertain, colder))
+        added = np.sqrt(other.standard_error**2 - rate.standard_error**2)
+        expected = abs(moved.value - rate.value)
+        assert added == pytest.approx(expected, rel=0.3, abs=3 * rate.standard_error), name
+    assert uncertain.a2.standard_error > 3 * exact.a2.standard_error

@@ -88,15 +88,9 @@ def test_gains_follow_from_the_springs(two_segments):
         np.testing.assert_allclose(gains[index], expected, rtol=0.01)
 
 
-def heavier(parameters):
-    """A limb that a payload of steady torque bends by -4°, as another rest angle does."""
-    other = copy.deepcopy(parameters)
-    other.segments[0].rest_angle = np.deg2rad(-4.0)
-    return other
-
-
 def test_feedback_compensates_a_payload_except_towards_the_reference(short_plan):
-    limb = heavier(short_plan.parameters)
+    limb = copy.deepcopy(short_plan.parameters)
+    limb.segments[0].rest_angle = np.deg2rad(-4.0)  # as by a payload of steady torque
     alone = simulate(Limb(limb), short_plan)
     late = alone.time > 3.4
     planned = short_plan.bend_angle_at(alone.time)

@@ -17,21 +17,18 @@ from limb_systems import (
 from .conftest import limb_of
 
 
-def stiff():
-    return limb_of(stiffening=0.4, rest_angle=0.1)
-
-
-def hysteretic():
-    return limb_of(HystereticLaw)
-
-
 def in_space():
     parameters = LimbParameters.in_space(wires=3, links=2)
     parameters.gravity = [3.0, -6.0, 7.0]
     return parameters
 
 
-LIMBS = [limb_of, stiff, hysteretic, in_space]
+LIMBS = [
+    limb_of,
+    lambda: limb_of(stiffening=0.4, rest_angle=0.1),
+    lambda: limb_of(HystereticLaw),
+    in_space,
+]
 
 
 def along(parameters, seconds=8.0):

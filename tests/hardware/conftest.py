@@ -154,10 +154,6 @@ class Emulator(Board):
         self.process.wait()
 
 
-def is_late(said):
-    return any(re.search(words, said) for words in LATE)
-
-
 def start_heating(board, start):
     """A host that heats a board in real time.
 
@@ -169,7 +165,7 @@ def start_heating(board, start):
         if any(board.duty()):
             return host
         said = host.communicate()[1]
-        assert is_late(said), said
+        assert any(re.search(words, said) for words in LATE), said
         board.renew()
     raise AssertionError(said)
 

@@ -342,6 +342,26 @@ def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(virtual_time, board):
     assert arm[:3] == (4711, 2, 7000)
 
 
+def test_a_fault_that_stays_is_not_cleared(virtual_time, board):
+    latched = guard.DISARMED, guard.THERMOCOUPLE_OPEN
+    with (
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda number: sample(number, *latched)),
+        pytest.raises(HardwareError, match="is still there: a thermocouple is open"),
+    ):
+        link.clear()
+
+
+def test_a_frame_that_cannot_be_sent_is_a_failure(pseudo_terminal, monkeypatch):
+    def fail(_):
+        raise HardwareError("The cable is gone.")
+
+    with BoardLink(pseudo_terminal[1]) as link:
+        monkeypatch.setattr(link._cable, "send", fail)
+        with pytest.raises(HardwareError, match=r"^The cable is gone\.$"):
+            link.info()
+
+
 def test_a_board_that_takes_no_data_is_hung(pseudo_terminal, monkeypatch):
     hung, sent = threading.Event(), []
     with BoardLink(pseudo_terminal[1]) as link:

@@ -27,10 +27,6 @@ def simulated_limb():
     return limb
 
 
-def limb_of_a_program():
-    return TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3)).limb
-
-
 def two_in_a_diagram():
     """Drake would refuse systems of one name."""
     builder = DiagramBuilder()
@@ -50,7 +46,7 @@ def test_system_is_freed():
         lambda: JouleHeating(LimbParameters()),
         limb_in_a_diagram,
         simulated_limb,
-        limb_of_a_program,
+        lambda: TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3)).limb,
         lambda: LimbActuation().ToAutoDiffXd(),
         Robot,
         two_in_a_diagram,

@@ -18,11 +18,6 @@ def random_segment(rng, links: int) -> SegmentParameters:
     )
 
 
-def random_gravity(rng) -> list[float]:
-    angle = rng.uniform(-np.pi, np.pi)
-    return [9.81 * np.cos(angle), 9.81 * np.sin(angle), 0.0]
-
-
 def plant_acceleration(plant, angles, rates, force) -> np.ndarray:
     context = plant.CreateDefaultContext()
     context.SetContinuousState(np.concatenate([angles, rates]))
@@ -37,22 +32,18 @@ def random_state(rng, n: int):
     return rng.uniform(-2, 2, n), rng.uniform(-20, 20, n), rng.uniform(-1, 1, n)
 
 
-def assert_dynamics_agree(planar_chain, parameters, rng):
-    plant, chain = make_manipulator(parameters), planar_chain(parameters)
-    for _ in range(20):
-        angles, rates, force = random_state(rng, parameters.num_joints)
-        expected = chain.acceleration(angles, rates, force)
-        actual = plant_acceleration(plant, angles, rates, force)
-        assert np.abs(actual - expected).max() <= 1e-9 * np.abs(expected).max()
-
-
 def test_forward_dynamics_equal_the_accelerations_of_the_lagrangian(planar_chain):
     for links in [(1,), (5,), (10,), (1, 4), (2, 1, 3)]:
         rng = np.random.default_rng(sum(links))
-        parameters = LimbParameters(
-            segments=[random_segment(rng, n) for n in links], gravity=random_gravity(rng)
-        )
-        assert_dynamics_agree(planar_chain, parameters, rng)
+        parameters = LimbParameters(segments=[random_segment(rng, n) for n in links])
+        angle = rng.uniform(-np.pi, np.pi)
+        parameters.gravity = [9.81 * np.cos(angle), 9.81 * np.sin(angle), 0.0]
+        plant, chain = make_manipulator(parameters), planar_chain(parameters)
+        for _ in range(20):
+            angles, rates, force = random_state(rng, parameters.num_joints)
+            expected = chain.acceleration(angles, rates, force)
+            actual = plant_acceleration(plant, angles, rates, force)
+            assert np.abs(actual - expected).max() <= 1e-9 * np.abs(expected).max()
 
 
 def test_fine_chain_rings_like_an_euler_bernoulli_cantilever():

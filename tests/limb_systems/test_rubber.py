@@ -97,10 +97,6 @@ def test_accelerations_equal_the_accelerations_of_the_hand_derived_chain(planar_
     np.testing.assert_allclose(actual, expected, rtol=1e-8)
 
 
-def ramp(z):
-    return z / (1.0 + np.exp(-z / 0.01))
-
-
 def test_the_memory_has_the_rates_of_its_law_written_out():
     parameters = two_segments()
     wires = LimbModel.of(parameters).wires
@@ -112,7 +108,8 @@ def test_the_memory_has_the_rates_of_its_law_written_out():
     a1, a2 = np.array([-0.1, -0.07, -0.07, -0.07, -0.07]), np.array([30.0, 25.0, 20.0, 20.0, 20.0])
     torque_rates = np.array([3e-4, 4.7e-4, 6e-4, 4.7e-4, 4.7e-4]) * (a1 * (T - 25.0) + a2 * D)
     bend = np.array([1.0, 1.0, 0.6, 1.0, 1.0]) / [0.1, 0.1, 0.1, 2 * K / 3, 2 * K / 3]
-    p = ramp(bend * torque_rates)
+    rates = bend * torque_rates
+    p = rates / (1.0 + np.exp(-rates / 0.01))  # a soft ramp
     to = 0.04
     first = 3.0 * (p[0] * (-to - 0.02) + p[1] * (to - 0.02) + p[2] * (to - 0.02))
     second = 2.0 * (p[3] * (-0.0305 + 0.01) + p[4] * (0.0305 + 0.01))

@@ -27,11 +27,6 @@ from limb_systems.statics import static_equilibrium
 SIDEWAYS = [0.0, -9.81, 0.0]
 
 
-def cantilever(**segment) -> LimbParameters:
-    """The limb of Sec. V-A, with its bending axis parallel to the ground."""
-    return LimbParameters(segments=[SegmentParameters(**segment)], gravity=SIDEWAYS)
-
-
 def sag(parameters) -> float:
     """Bend angle under gravity, rad."""
     return bend_angle(parameters, static_equilibrium(parameters)[0])[0]
@@ -192,7 +187,7 @@ def test_points_without_an_equilibrium_are_named(refused):
 
 
 def test_nominal_limb_comes_to_rest_at_its_static_sag():
-    parameters = cantilever()
+    parameters = LimbParameters(gravity=SIDEWAYS)
     recording = simulate(Limb(parameters), [0.0, 0.0], 6.0)
     assert recording.bend_angle[0, 0] == 0.0
     assert np.degrees(recording.bend_angle[0, -1]) == pytest.approx(-10.0, abs=0.02)
