@@ -40,6 +40,7 @@ from limb_systems import (
 )
 from limb_systems.connected_limbs import ConnectedLimbs, connected
 from limb_systems.files.output import check_outputs
+from limb_systems.limb_system import check_limb
 from limb_systems.summary import Summary
 from limb_systems.views.panels import tracking_panels
 from planners.plan_check import far_from_reference
@@ -326,7 +327,7 @@ def _follow(options: argparse.Namespace) -> int:
 
         # Plan from the present temperatures of the wires.
         begin_step(f"Planning {options.reference}")
-        resting_limb = _limb(limb, options)
+        resting_limb = check_limb(_limb(limb, options))
         with closing(resting_limb):
             start = present_readings(resting_limb)
         trajectory = plan_reference(options, limb, task, start)

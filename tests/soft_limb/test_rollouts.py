@@ -121,6 +121,10 @@ def test_follow_plans_and_tracks_a_taught_motion(tmp_path, capsys):
 
     assert main(arguments) == 1
     assert "plan.csv exists; give another name, or --force" in capsys.readouterr().err
+    # The plan's own model does as planned.
+    model = ["--force", "--model", "--controller", "open-loop", "--knot-rate", "2", "--json"]
+    assert main([*arguments, *model]) == 0
+    assert json.loads(capsys.readouterr().out)["tracking"]["mean_deg"] < 0.1
 
 
 def test_without_a_reference_or_a_board_nothing_is_planned(tmp_path, capsys):
