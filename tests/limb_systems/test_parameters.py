@@ -205,3 +205,4 @@ def test_a_field_that_a_later_version_adds_leaves_emulated_boards_their_numbers(
         assert later.serial_number == limb.serial_number
         assert dataclasses.replace(later, room="cellar").serial_number != limb.serial_number
     assert EmulatedLimb(3, physics="rod").identity == "(3, '', [], [], 'rod')"
+    assert EmulatedLimb(3, extra=["bond"]).identity == "(3, '', [], ['bond'])"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from limb_systems import (
+    LimbError,
     LimbParameters,
     Recording,
     bend_angle,
@@ -132,6 +133,9 @@ def test_beside_a_recording_ghosts_keep_to_the_time_of_the_plan(tmp_path, two_se
     # What was measured stays where it was measured.
     measured = joint_angles_from_bend_angle(two_segments, recording.bend_angle[:, 10])
     check_bodies(poses_at(tracks, 10), two_segments, measured)
+    # A plan of another limb is no ghost of this one.
+    with pytest.raises(LimbError, match="of other segments than the motion's"):
+        replay(tmp_path, recording, plan=make_plan(LimbParameters()))
 
     actual = {
         command["path"]: command["object"]["materials"][0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from limb_systems import Recording, wire_color, write_meshcat_replay
+from limb_systems import LimbError, Recording, wire_color, write_meshcat_replay
 from limb_systems.views.panels import motion_panels
 from limb_systems.views.plots import draw
 from walking import (
@@ -132,6 +132,8 @@ def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path,
     for name in ("x", "z", "pitch") if turns == 1 else ("x", "y", "z", "roll", "pitch", "yaw"):
         assert re.search(rf"(body )?\b{name} <output>", caption)
     assert ("rises by 5.7" in caption) == (slope > 0)
+    with pytest.raises(LimbError, match="A robot is shown without a plan"):
+        write_meshcat_replay(tmp_path / "other.html", recording, plan=recording)
 
 
 def test_a_gait_is_drawn_as_it_is(gait):
