@@ -52,7 +52,7 @@ FRICTION_BARRIER = {"mu_strategy": "monotone", "mu_init": 1e-3}
 START_CYCLES = 6  # after which heat and memory of wires nearly repeat
 MAX_SOLVE_TIME = 60.0  # s of processor time, of each attempt; gaits take a few
 # Iterations of each attempt; gaits need 25 to 60, with memory of wires 60 to 110; in space up to 90
-# and 240.
+# and 350.
 MAX_ITERATIONS = 200
 MAX_ITERATIONS_IN_SPACE = 400
 # Requests are relaxed by these to find the reason why there is no gait: times μ, and °C.
