@@ -41,6 +41,15 @@ STEP_SIZES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a progra
 MIN_COST_REDUCTION = 1e-3  # relative; a round that reduces the cost by less is the last
 EXCESS_TEMPERATURE = 3.0  # °C, that a wire may be warmer than in the plan of the whole motion
 EXCESS_WEIGHT = 0.03  # 1/°C, of each knot beyond it
+TASK_FIELDS = (  # fields of a task that a horizon uses
+    "angle_weight",
+    "duty_weight",
+    "terminal_factor",
+    "phases",
+    "temperature_weight",
+    "temperature_margin",
+    "duty_margin",
+)
 LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
 
@@ -225,8 +234,8 @@ class HorizonProgram(QuasiStaticProgram):
 
     def __init__(self, model: ReducedModel, times: np.ndarray, task: Task):
         self._model = model
-        free_duty = dataclasses.replace(task, duty_hold=0.0)
-        super().__init__(model.limb, times, model.statics, free_duty, limit_weight=LIMIT_WEIGHT)
+        counted = Task(**{name: getattr(task, name) for name in TASK_FIELDS}, duty_hold=0.0)
+        super().__init__(model.limb, times, model.statics, counted, limit_weight=LIMIT_WEIGHT)
         T = self.prog.decision_variables()[self.heat[1:, : model.num_wires]].ravel()
         free = np.full(len(T), np.inf)
         self._max_temperatures = add_soft_bounds(self.prog, T, None, free, EXCESS_WEIGHT)

@@ -18,7 +18,6 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from hardware.board.journal import closing, open_journal
 from hardware.board.link import check_heat_is_measured, present_temperature
-from hardware.board.listener import READINGS
 from hardware.board.serial_limb import SerialLimb
 from hardware.firmware import guard
 from hardware.live_feed import LiveView, live_display
@@ -234,7 +233,7 @@ def _connect_controller(
             f"{name} has a duty for {duty.size()} wires, but the limb has {num_wires}."
         )
     # Its inputs must be outputs of the limb.
-    names = [*READINGS, "measurement", *["body_pose"] * limb.HasOutputPort("body_pose")]
+    names = [*Recording.MEASURED, "measurement", *["body_pose"] * limb.HasOutputPort("body_pose")]
     for index in range(controller.num_input_ports()):
         port = controller.get_input_port(index)
         if port.get_name() not in names:
@@ -246,7 +245,7 @@ def _connect_controller(
             output = limb.GetOutputPort(port.get_name())
         else:
             # Join both readings for a limb without the output ``measurement``.
-            readings = list(map(limb.GetOutputPort, READINGS))
+            readings = list(map(limb.GetOutputPort, Recording.MEASURED))
             joined = builder.AddSystem(Multiplexer([reading.size() for reading in readings]))
             for entry, reading in enumerate(readings):
                 builder.Connect(reading, joined.get_input_port(entry))
@@ -292,8 +291,8 @@ def _record_with(
         duration,
         journal,
         live,
-        RecordOptions(),
-        plan,
+        options=RecordOptions(),
+        plan=plan,
         ended_by_hand=ended_by_hand,
     )
 
@@ -303,11 +302,11 @@ def record_with_journal(
     limb: LimbSystem,
     duty: OutputPort,
     duration: float,
-    journal: str | Path | None,
-    live: LiveView | None,
+    journal: str | Path | None = None,
+    live: LiveView | None = None,
+    *,
     options: RecordOptions,
     plan: Trajectory | None = None,
-    *,
     kind: str = "",
     seed: int | None = None,
     ended_by_hand: bool = False,

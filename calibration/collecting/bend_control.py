@@ -87,7 +87,9 @@ class BendAngleController(LeafSystem):
 
     def _update(self, context, discrete_state):
         # Calculate with numbers, because arrays of one or two take several times as long.
-        integral, *were_cut_out = context.get_discrete_state_vector().value().tolist()
+        state = context.get_discrete_state_vector().value().tolist()
+        integral = state[0]
+        were_cut_out = state[1 : 1 + len(self._bend_signs)]
         measured_temperature = self.EvalVectorInput(context, 1).value().tolist()
         error = self.EvalVectorInput(context, 2)[0] - self.EvalVectorInput(context, 0)[0]
         error_sign = math.copysign(1.0, error)

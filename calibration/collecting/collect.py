@@ -186,8 +186,6 @@ def _record(
 
     options = RecordOptions(reference=reference, until=until, sample_rate=sample_rate)
     duty = source.get_output_port()
-    journal = outputs.get("journal")
-    live = outputs.get("live")
     return record_with_journal(
-        builder, limb, duty, duration, journal, live, options, kind=kind, seed=seed
+        builder, limb, duty, duration, options=options, kind=kind, seed=seed, **outputs
     )

@@ -159,17 +159,23 @@ class ProtocolOptions(TypedDict, total=False):
 
 
 def planned_recordings(
-    limb: LimbParameters, emulated: bool, options: ProtocolOptions
+    limb: LimbParameters,
+    emulated: bool,
+    *,
+    protocol: str = "all",
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+    sag_trials: int | None = None,
+    ring_downs: int | None = None,
 ) -> list[PlannedRecording]:
     """Return the recordings of a protocol in their order; emulated limbs need no first contact.
+
+    The options are as in `ProtocolOptions`.
 
     Raises:
         LimbError: if there is no such protocol for the limb.
     """
-    protocol = options.get("protocol", "all")
-    seed = options.get("seed", 0)
-    num_angles = options.get("num_angles", 8)
-    longest = options.get("longest", 60.0)
     planar = only_segment(limb).axes == 1
     if protocol not in PROTOCOLS:
         raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
@@ -181,13 +187,16 @@ def planned_recordings(
     ring_down = functools.partial(collect_ring_down, sample_rate=rate)
     has_weight = planar and sag_payload(limb) > 0
     plans = []
-    num_sags = options.get("sag_trials", NUM_SAG_TRIALS) if planar else 0
-    for number in range(1, num_sags + 1):
+    if sag_trials is None:
+        sag_trials = NUM_SAG_TRIALS
+    for number in range(1, sag_trials + 1) if planar else ():
         pause = SAG_PAUSE * has_weight
         turned = 180.0 * (has_weight and number % 2 == 0)
         plans.append(PlannedRecording(f"sag_{number}", "sag", collect_sag, 0.0, pause, turned))
     # Ring-downs, by hand.
-    for number in range(1, options.get("ring_downs", NUM_RING_DOWNS) + 1):
+    if ring_downs is None:
+        ring_downs = NUM_RING_DOWNS
+    for number in range(1, ring_downs + 1):
         plans.append(PlannedRecording(f"ring_down_{number}", "ring_down", ring_down))
     # Equilibria of each wire and of all.
     equilibria = []
@@ -282,7 +291,7 @@ def collect_from_twin(
     """
     described = copy.deepcopy(twin.parameters)
     # Plan the recordings, and estimate the work of each.
-    plans = planned_recordings(described, True, options)
+    plans = planned_recordings(described, True, **options)
     tell(f"{len(plans)} recordings of an emulated limb")
     work = {}
     for plan in plans:
@@ -359,7 +368,7 @@ def collect_from_robot(
         OutputError: as for `hardware.replaying`.
     """
     # Plan the recordings, and say how many are left.
-    plans = planned_recordings(parameters, False, options)
+    plans = planned_recordings(parameters, False, **options)
     paths = {plan.name: Path(folder) / f"{plan.name}.csv" for plan in plans}
     say = live.say if live else lambda _: None
     remaining_times = [plan.heated_time for plan in plans if not paths[plan.name].exists()]

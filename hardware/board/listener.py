@@ -5,11 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from limb_systems import LimbSystem
+from limb_systems import LimbSystem, Recording
 from limb_systems.drake_python import weak_method
 
 Signals = dict[str, np.ndarray]
-READINGS = ("measured_temperature", "bend_angle")
 
 
 class SignalListener(LeafSystem):
@@ -54,7 +53,7 @@ def ports_of_run(
         reference: port of the reference of the bend angles, if there is one.
     """
     ports = {"duty": duty}
-    for name in (*READINGS, *filter(limb.HasOutputPort, optional)):
+    for name in (*Recording.MEASURED, *filter(limb.HasOutputPort, optional)):
         ports[name] = limb.GetOutputPort(name)
     if reference:
         ports["reference"] = reference

@@ -13,6 +13,7 @@ from limb_systems import LimbModel, LimbParameters
 from limb_systems.drake_python import weak_method
 from limb_systems.symbolic_chain import tip_position_function
 
+E1 = np.array([1.0, 0.0, 0.0])  # the axis of the straight limb
 GRIP_STIFFNESS_RATIO = 20.0  # stiffness of the hand over the limb's bending stiffness
 GRIP_DAMPING_TIME = 0.05  # s, damping over stiffness of the hand
 
@@ -197,9 +198,9 @@ class Hand(LeafSystem):
         chord, tip_jacobian = self._tip.first(angles)
         along = chord / math.sqrt(chord @ chord)
         tilt = self._axes @ along / (1 + along[0])
-        along[0] += 1
+        across = self._axes - tilt[:, np.newaxis] * (along + E1)
         # Motion of the tip along these directions by each joint (F, n), m/rad.
-        jacobian = (self._axes - tilt[:, np.newaxis] * along) @ tip_jacobian
+        jacobian = across @ tip_jacobian
         # Push, N, by the error of the bend, rad, and the rate of the tip over the length, rad/s.
         bend = self._sensor.exact_bends(self._segment_chain, angles)
         error = self._motion.value(time).ravel() - bend

@@ -18,6 +18,7 @@ from calibration import (
     LimitedDuty,
     collect_equilibria,
     collect_from_robot,
+    collect_from_twin,
     collect_sag,
     excitations,
     fit_law,
@@ -183,6 +184,14 @@ def test_a_robot_is_closed_if_its_recording_fails(collect, message):
     ):
         collect(limb)
     close.assert_called()
+
+
+def test_an_option_that_is_misspelt_is_refused():
+    """It may be the file of the recording."""
+    with pytest.raises(TypeError, match="jurnal"):
+        collect_sag(Limb(), jurnal="sag.csv")
+    with pytest.raises(TypeError, match="num_angels"):
+        collect_from_twin(LimbTwin(), num_angels=3)
 
 
 def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, bool]:

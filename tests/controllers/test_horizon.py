@@ -128,6 +128,19 @@ def test_a_wire_within_its_play_is_heated_as_in_the_plan_of_the_motion():
     assert bends[1] == pytest.approx(-12.0, abs=0.5)
 
 
+def test_a_horizon_has_no_other_limits_of_a_task():
+    task = dataclasses.replace(
+        horizon_task(), reach=True, max_bend_rate=0.01, stretch=(0.5, 2.0), customize=pytest.fail
+    )
+    parameters, offset = small_limb(), np.zeros(1)
+    heat = warm_heat(parameters)
+    expected, found = (
+        HorizonPlanner(parameters, wave(12.0), each, duration=2.0).plan(0.0, heat, offset)
+        for each in (horizon_task(), task)
+    )
+    np.testing.assert_array_equal(found.duty, expected.duty)
+
+
 def test_there_is_a_plan_where_limits_are_passed_already():
     parameters, task = small_limb(), horizon_task()
     cold, hot = warm_heat(parameters, 25.0), warm_heat(parameters, 120.0)
