@@ -86,6 +86,7 @@ def shared(key: str, **settings: Any) -> Option:
     return Option(*option.names, **option.settings | settings)
 
 
+SMOOTHING_TIME = 0.5  # s, over which a recording's bend angle is smoothed
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 TASK_HELP = (
     "weights and limits of the plan: a file (.yaml), 'paper' for the values in the paper, or "
@@ -123,7 +124,7 @@ SHARED: dict[str, Option | list[Option]] = {
     "smooth": Option(
         "--smooth",
         type=float,
-        default=0.5,
+        default=SMOOTHING_TIME,
         help="window over which the bend angle of a recording is smoothed, s (default %(default)g)",
     ),
     "output": Option("-o", "--output", required=True, type=Path, help="recording to write (.csv)"),

@@ -24,6 +24,7 @@ from limb_systems.summary import Summary
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, plan
 from soft_limb.commands.options import (
+    SMOOTHING_TIME,
     Command,
     Option,
     checked_outputs,
@@ -38,7 +39,6 @@ from soft_limb.runs import CONTROLLERS, OPEN_LOOP
 from soft_limb.runs.jobs import run_each
 from soft_limb.runs.rollout import make_controller
 
-SMOOTHING_TIME = 0.5  # s, over which a recording's bend angle is smoothed
 # Columns of the results of a run; angles are mean distances of the true bend, in degrees.
 RESULT_COLUMNS = (
     "reference_deg",
