@@ -494,7 +494,7 @@ def facts(run: Run) -> str:
         if sample is not None:
             lines.append(f"{reading.lost_samples} samples lost")
     if header.band is not None:
-        lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
+        lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of the reading V.")
     names = [name.replace("_", " ") for name in header.parameters.wire_names]
     return part("facts", names, rows, [*lines, header.source])
 
