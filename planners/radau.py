@@ -79,16 +79,15 @@ class MotionSteps:
         moved = h * NODES[:, None] * v + h**2 * (A_SQUARED @ self.accelerations)
         return q + moved, v + h * (A @ self.accelerations)
 
-    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return q and v (..., n) at times (...)."""
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Return q (M, n) at times (M,)."""
         last = len(self.start) - 1
         step = np.searchsorted(self.times, times, side="right").clip(1, last + 1) - 1
-        h = np.diff(self.times)[step][..., None]
-        share = (times - self.times[step])[..., None] / h
+        h = np.diff(self.times)[step, None]
+        share = (times - self.times[step]) / h[:, 0]
         q, v = np.split(self.start[step], 2, axis=-1)
-        bent = (_integral_weights_twice(share) @ self.accelerations[step])[..., 0, :]
-        turned = (_integral_weights(share) @ self.accelerations[step])[..., 0, :]
-        return q + share * h * v + h**2 * bent, v + h * turned
+        bent = (_integral_weights_twice(share)[:, None] @ self.accelerations[step])[:, 0]
+        return q + share[:, None] * h * v + h**2 * bent
 
     def errors(self) -> np.ndarray:
         """Estimate the largest error of q that each step adds (K,), by jumps of accelerations."""
@@ -206,35 +205,31 @@ def simulate_plan(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
     errors = BEND_ERROR_FACTOR * np.diff(knots) * np.maximum(bends[:-1], bends[1:])
     pieces = np.maximum(np.diff(knots) / MAX_STEP, _num_pieces(errors))
     ends = _subdivide(knots, pieces)
-    guess = _initial_steps(trajectory, ends, angles, rates)
-    # Integrate the heat, wire by wire.
-    duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
-    heat = np.empty((*guess.stage_times.shape, len(states)))
-    heats = []
-    for heating, group in zip(heatings, groups, strict=True):
-        for columns, wire in zip(*group, strict=True):
-            of_wire = states[columns]
-            start = _initial_steps(trajectory, ends, np.zeros_like(of_wire), of_wire)
-            levels = np.stack([duty[index] for index in wire], axis=-1)
-            scales = np.append(np.full(len(columns), np.inf), wires.heat_scales[columns])
-            heated = solve_steps(heating.values, heating.dense_slopes, start, levels, scales)
-            heat[..., columns] = heated.stages()[1]
-            heats.append((columns, heated))
-    # Integrate the motion under this heat.
-    dynamics = model.dynamics
-    residual = dynamics.by_motion.values
     for _ in range(MAX_REFINEMENTS):
-        steps = solve_steps(residual, dynamics.slow_slopes, guess, heat, motion_scales)
+        # Integrate the heat, wire by wire, and the motion under it.
+        guess = _initial_steps(trajectory, ends, angles, rates)
+        duty = [np.interp(guess.stage_times, knots, row) for row in trajectory.duty]
+        heat = np.empty((len(ends) - 1, len(NODES), len(states)))
+        for heating, group in zip(heatings, groups, strict=True):
+            for columns, wire in zip(*group, strict=True):
+                of_wire = states[columns]
+                start = _initial_steps(trajectory, ends, np.zeros_like(of_wire), of_wire)
+                levels = np.stack([duty[index] for index in wire], axis=-1)
+                scales = np.append(np.full(len(columns), np.inf), wires.heat_scales[columns])
+                slopes = heating.dense_slopes
+                heat[..., columns] = solve_steps(
+                    heating.values, slopes, start, levels, scales
+                ).stages()[1]
+        dynamics = model.dynamics
+        steps = solve_steps(
+            dynamics.by_motion.values, dynamics.slow_slopes, guess, heat, motion_scales
+        )
+        # Cut the steps with large errors.
         errors = steps.errors()
         if (errors <= STEP_TOLERANCE).all():
             break
-        # Cut the steps with large errors.
         ends = _subdivide(ends, _num_pieces(errors))
-        guess = _initial_steps(trajectory, ends, angles, rates)
-        heat = np.empty((*guess.stage_times.shape, len(states)))
-        for columns, heated in heats:
-            heat[..., columns] = heated.at(guess.stage_times)[1]
-    return steps.at(times)[0].T
+    return steps.at(times).T
 
 
 def _initial_steps(

@@ -9,7 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import entry_points, version
+from importlib.metadata import entry_points
 from typing import Any
 
 from hardware.board.signals import SIGNALS, received_signals, stop
@@ -113,13 +113,25 @@ def _top_level_parser() -> argparse.ArgumentParser:
         + f"\nsoft-limb COMMAND --help explains a command.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="show program's version number and exit"
+    )
     _add_import_option(parser)
     parser.add_argument("command", type=_command_name, metavar="COMMAND", help="see below")
     parser.add_argument(
         "arguments", nargs=argparse.REMAINDER, metavar="...", help="options of the command"
     )
     return parser
+
+
+class _Version(argparse.Action):
+    """The option ``--version``; a search for the version would slow the start of each command."""
+
+    def __call__(self, parser, *_: Any) -> None:
+        from limb_systems.files.provenance import version_and_commit
+
+        print(f"soft-limb {version_and_commit()[0]}")
+        parser.exit()
 
 
 def _command_name(name: str) -> str:

@@ -56,6 +56,8 @@ MIN_LOAD_SHARE = 0.05  # of the weight, on each foot on the ground
 # otherwise than modelled, and hips are a millimetre off, so that the body leans to a side. With
 # less on the feet of the other side, it tips over.
 MIN_LOAD_SHARE_CALIBRATED = 0.16
+# Of weight x limb length, of soft feet against roll and pitch. The weight takes some 0.8 of it.
+MIN_STANCE_STIFFNESS = 2.5
 MIN_SLIP = 1e-6  # m; feet that slip less have no direction
 SWING_CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
 MAX_FRICTION_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
@@ -393,7 +395,24 @@ class GaitProgram:
             blocks.append(self._friction_cone_block(self.forces[sticks]))
         if self.slides_in_space.any():
             blocks += self._slide_blocks()
+        if is_calibrated(self.robot):
+            blocks.append(self._stance_block())
         return blocks
+
+    def _stance_block(self) -> ConstraintBlock:
+        """Return the bound of the stiffness of the feet against roll and pitch, at all knots.
+
+        With the moments K of the feet's places about their mean, times the feet's stiffness, it is
+        det K / tr K: the harmonic mean of both eigenvalues, halved, and at most the smaller one.
+        """
+        feet = self.walker.symbolic_feet
+        places = feet[:2, :] - ca.sum2(feet[:2, :]) / self.walker.num_feet
+        moments = self.robot.contact_stiffness * places @ places.T
+        toppling = self.load * self.walker.size
+        stiffness = ca.det(moments) / ca.trace(moments) / toppling
+        function = SmoothFunction(stiffness, self.walker.configuration)
+        lower = np.full((len(self.y), 1), MIN_STANCE_STIFFNESS)
+        return FunctionBlock(function, self.y, bounds=(lower, np.full_like(lower, np.inf)))
 
     def _travel_end_block(self) -> ConstraintBlock:
         """Return the constraint that each foot ends a stride further, and turned."""

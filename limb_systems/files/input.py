@@ -1,8 +1,10 @@
 """Reading of files, and the first line of soft-limb's files, which names their kind and format."""
 
+import contextlib
 import os
 import re
 import stat
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from limb_systems.errors import LimbError
@@ -26,7 +28,7 @@ def read_bytes(
         LimbError: of that type, with one sentence naming the file.
     """
     check_file(path, file_kind, largest, error_type)
-    with open(path, "rb") as file:
+    with _raising_read_error(path, file_kind, error_type), open(path, "rb") as file:
         data = file.read(largest + 1)
     _check_size(len(data), path, file_kind, largest, error_type)  # it may have grown
     return data
@@ -39,20 +41,28 @@ def check_file(
 
     Arguments and errors as in `read_bytes`.
     """
-    try:
+    with _raising_read_error(path, file_kind, error_type):
         # Opening a pipe waits, and opening a port resets its board.
         status = os.stat(path)
         if stat.S_ISREG(status.st_mode):
-            with open(path, "rb"):
-                pass
-    except (OSError, ValueError) as error:  # the latter for a path that no file can have
-        reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else error
-        raise error_type(f"Cannot read the {file_kind}: {reason}.") from error
+            open(path, "rb").close()
     # Refuse other things than files, and files that are too large.
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
         raise error_type(f"Cannot read the {file_kind}: {path} is {kind}, but must be a file.")
     _check_size(status.st_size, path, file_kind, largest, error_type)
+
+
+@contextlib.contextmanager
+def _raising_read_error(
+    path: str | os.PathLike, file_kind: str, error_type: type[LimbError]
+) -> Iterator[None]:
+    """Turn errors of the file system into one sentence naming the file."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # the latter for a path that no file can have
+        reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else error
+        raise error_type(f"Cannot read the {file_kind}: {reason}.") from error
 
 
 def _check_size(

@@ -179,13 +179,14 @@ class ExactHessianIpoptSolver:
 
     It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``. Bounds, linear and
     quadratic terms are read from the program, all other terms are evaluated with AutoDiff.
-    Variables are scaled by the program's `SetVariableScaling`. Ctrl-C raises KeyboardInterrupt
-    after the current iteration, whatever its point.
+    Ctrl-C raises KeyboardInterrupt after the current iteration, whatever its point.
 
     Args:
         blocks: constraints in addition to the program's. A block stands in place of the
             program's constraints that it ``replaces``, up to a scaling of the rows.
         fixed: indices of variables that keep their initial values.
+        scales: typical changes of the variables (num_vars,), by which they are scaled; those of
+            the program's `SetVariableScaling` if None.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
@@ -194,10 +195,12 @@ class ExactHessianIpoptSolver:
         *,
         blocks: Sequence[ConstraintBlock] = (),
         fixed: ArrayLike = (),
+        scales: np.ndarray | None = None,
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
         self._blocks = blocks
         self._fixed = np.array(fixed, int)
+        self._scales = scales
         self._on_iteration = on_iteration
 
     def Solve(
@@ -220,7 +223,8 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        problem = _ScaledProblem(prog, guess, self._blocks, self._fixed, self._on_iteration)
+        scales = scales_of_variables(prog) if self._scales is None else self._scales
+        problem = _ScaledProblem(prog, guess, self._blocks, self._fixed, scales, self._on_iteration)
         # Choose the options.
         options = dict(OPTIONS)
         if solver_options is not None:
@@ -420,7 +424,7 @@ class _LinearConstraints:
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    def __init__(self, prog, guess, blocks, fixed, on_iteration):
+    def __init__(self, prog, guess, blocks, fixed, scales, on_iteration):
         # Read the constraints: linear ones, blocks, and others.
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
@@ -450,7 +454,7 @@ class _ScaledProblem:
         kept = np.clip(guess[fixed], self.lower[fixed], self.upper[fixed])
         self.lower[fixed] = kept
         self.upper[fixed] = kept
-        self.scale = scales_of_variables(prog)
+        self.scale = scales
         guess = np.clip(guess, self.lower, self.upper)
         self._cost_scale = min(1.0, 100.0 / max(abs(self.cost.evaluate(guess)), 1e-9))
         self._guess = guess / self.scale

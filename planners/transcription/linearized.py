@@ -13,7 +13,7 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from planners.transcription.ipopt import bounds_of_variables, scales_of_variables
+from planners.transcription.ipopt import bounds_of_variables
 from planners.transcription.program import PlanProgram
 from planners.transcription.solving import Solution
 
@@ -40,6 +40,7 @@ class LinearizedProgram:
         prog = program.prog
         self._blocks = program.cheap_blocks or program.blocks
         self._whole = prog
+        self._scales = program.scales
         self._num_rows = np.cumsum([0, *(len(block.lower) for block in self._blocks)])
         costs = prog.GetAllCosts()
         self._linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
@@ -118,4 +119,4 @@ class LinearizedProgram:
         of_rows = [-result.GetDualSolution(binding) for binding in in_order]
         of_bounds = np.zeros(len(self._is_used))
         of_bounds[self._is_used] = -result.GetDualSolution(self._bounds)
-        return np.concatenate(of_rows), of_bounds * scales_of_variables(self._whole)
+        return np.concatenate(of_rows), of_bounds * self._scales

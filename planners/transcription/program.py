@@ -18,7 +18,7 @@ from planners.transcription.collocation import (
     heat_block,
 )
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
-from planners.transcription.ipopt import ConstraintBlock, scales_of_variables
+from planners.transcription.ipopt import ConstraintBlock
 
 if TYPE_CHECKING:
     from limb_systems import Limb
@@ -74,8 +74,8 @@ class PlanProgram:
     _tracked: np.ndarray
     _shares: np.ndarray
     _to_bends: np.ndarray
-    _of_knots: np.ndarray  # variables of the knots but the duty (K, P), with their scales (P,)
-    _scales: np.ndarray
+    _of_knots: np.ndarray  # indices of the knots' variables but the duty (K, P)
+    _scales: np.ndarray  # typical changes of the variables of a knot (P,)
 
     def __init__(
         self,
@@ -106,10 +106,6 @@ class PlanProgram:
         if self.task.reach:
             end = np.zeros(len(self._to_bends))
             self._end = prog.AddLinearConstraint(self._to_bends, end, end, self._tracked[-1])
-        # Scale the variables of the knots.
-        for variables, scale in zip(self._of_knots.T, self._scales, strict=True):
-            for variable in variables if scale != 1.0 else ():
-                prog.SetVariableScaling(variable, scale)
         # Make the blocks of the dynamics (17).
         self._heat_block = self._make_heat_block()
         self.blocks = self._make_blocks()
@@ -180,6 +176,16 @@ class PlanProgram:
         task = self.task
         limits_motion = task.customize or task.reach or task.final_hold or task.max_bend_rate
         return self.has_inertia and not limits_motion
+
+    @property
+    def scales(self) -> np.ndarray:
+        """The typical changes of all decision variables (num_vars,)."""
+        scales = np.ones(self.prog.num_vars())
+        scales[self._of_knots] = self._scales
+        # The task's ``customize`` may have set others.
+        for index, scale in self.prog.GetVariableScaling().items():
+            scales[index] = scale
+        return scales
 
     @property
     def state_scales(self) -> np.ndarray:
@@ -285,7 +291,7 @@ class PlanProgram:
         Args:
             x: values of all decision variables of the plan.
         """
-        scales = scales_of_variables(self.prog)
+        scales = self.scales
         knot_of = self._knots_of_variables()  # index of the knot; -1 for none
         active = {}
         for name, bindings in group_by_name(self.added).items():
@@ -303,7 +309,7 @@ class PlanProgram:
     def _knots_of_variables(self) -> np.ndarray:
         """Return the number of the knot that each decision variable belongs to; -1 for none."""
         knots = np.full(self.prog.num_vars(), -1)
-        of_knots = np.hstack([self.indices(self._of_knots), self.duty])
+        of_knots = np.hstack([self._of_knots, self.duty])
         knots[of_knots] = np.arange(len(self.times))[:, None]
         return knots
 
@@ -490,6 +496,10 @@ class TrajectoryProgram(PlanProgram):
             self._states = np.array([collocation.state(k) for k in range(num_knots)])
             self._duty = np.array([collocation.input(k) for k in range(num_knots)])
             self._time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
+            # Drake's solvers read the scales from the program.
+            for variables, scale in zip(self._states.T, self.state_scales, strict=True):
+                for variable in variables:
+                    self.prog.SetVariableScaling(variable, scale)
         else:
             self.prog = prog = MathematicalProgram()
             self._time_steps = prog.NewContinuousVariables(num_knots - 1, "h")
@@ -503,7 +513,7 @@ class TrajectoryProgram(PlanProgram):
         self.motion = self.states[:, : 2 * n]
         # Parts of the states for the rest of the program.
         self._start = self._states[0]
-        self._of_knots = self._states
+        self._of_knots = self.states
         self._scales = self.state_scales
         self._tracked = self._states[:, :n]
         self._heat = self._states[:, 2 * n :]

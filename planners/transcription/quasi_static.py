@@ -246,7 +246,7 @@ class QuasiStaticProgram(PlanProgram):
         prog.AddBoundingBoxConstraint(*self._shortest_and_longest_step(), self._time_steps)
         self.bends = self.indices(self._tracked)
         self._start = self._heat[0]
-        self._of_knots = np.hstack([self._heat, self._tracked])
+        self._of_knots = np.hstack([self.indices(self._heat), self.bends])
         angles = np.full(len(self._shares), ANGLE_SCALE)
         self._scales = np.append(wires.heat_scales[:num_heat], angles)
 

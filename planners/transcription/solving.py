@@ -11,9 +11,10 @@ from limb_systems import LimbError
 from limb_systems.progress import Progress
 from planners.transcription.ipopt import INFEASIBLE_STATUS, ExactHessianIpoptSolver
 from planners.transcription.program import PlanProgram
+
 # Near the solution, the barrier begins small enough to leave the guess near its bounds, and ends so
-# low that it raises the cost by less than 1e-6 of it. With multipliers it begins at its end. IPOPT's
-# own ``tol`` changes costs by less than 1e-7 of them, and takes one to four iterations more.
+# low that it raises the cost by less than 1e-6 of it. With multipliers it begins at its end. IPOPT
+# with a ``tol`` of 1e-5 takes one to four iterations more, for changes of the cost below 1e-7.
 NEAR_OPTIONS = {
     "tol": 1e-3,
     "constr_viol_tol": 1e-8,
@@ -163,7 +164,9 @@ def _attempts(
         for option, value in {"max_cpu_time": left, **options, **accuracy}.items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
         fixed = program.free_readings if blocks is program.cheap_blocks else ()
-        solver = ExactHessianIpoptSolver(blocks=blocks, fixed=fixed, on_iteration=report)
+        solver = ExactHessianIpoptSolver(
+            blocks=blocks, fixed=fixed, scales=program.scales, on_iteration=report
+        )
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
     # With the cheap Hessian, then with the exact one.

@@ -212,6 +212,8 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     for number, run in enumerate(runs):
         for name, values in run.differences.items():
             size = np.abs(values)
+            if np.isnan(size).all():  # no thermocouples
+                continue
             numbers = [np.nanmean(size), np.nanmedian(size), np.nanpercentile(size, 90)]
             differences.append(Difference(number, name, SIGNALS[name].unit, *map(float, numbers)))
     return Comparison(results, changes, differences, _distances(results), runs)
@@ -275,8 +277,8 @@ def _changed(runs: Sequence[dict[str, tuple[Any, str]]]) -> list[Change]:
 
 
 def _is_equal(value: Any, other: Any) -> bool:
-    """Return True for equal values; numbers are equal up to rounding, and NaN equals NaN."""
-    if _is_number(value) and _is_number(other):
+    """Return True for equal values; floats are equal up to rounding, and NaN equals NaN."""
+    if isinstance(value, float) and isinstance(other, float) and value == value:
         return math.isclose(value, other, rel_tol=ROUNDING_ERROR)
     if isinstance(value, list) and isinstance(other, list) and len(value) == len(other):
         return all(map(_is_equal, value, other))

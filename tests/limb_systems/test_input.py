@@ -30,6 +30,7 @@ def test_devices_pipes_and_folders_are_refused_at_once(refused, pipe):
             (pipe, f"{pipe} is a device or a pipe"),
             (pipe.parent, f"{pipe.parent} is a folder"),
             ("a\0b", "null"),
+            ("/proc/self/mem", ": /proc/self/mem: "),  # it opens, and then cannot be read
             (pipe.parent / "none", f": {pipe.parent}/none: No such file or directory."),
         ):
             with refused(LimbError, said):

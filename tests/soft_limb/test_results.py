@@ -179,6 +179,18 @@ def test_compare_tells_a_shift_of_one_degree(folder, capsys):
     rounded.save("rounded.csv")
     (change,) = compared(["exact.csv", "rounded.csv"], capsys)["changes"]
     assert change["name"] == "identity"  # by the digest
+    # Seeds are names: none is nearly another.
+    for seed in (2_000_000_000, 2_000_000_001):
+        provenance = dataclasses.replace(MADE, seed=seed)
+        make_recording(provenance=provenance).save(f"{seed}.csv")
+    (change,) = compared(["2000000000.csv", "2000000001.csv"], capsys)["changes"]
+    assert change["name"] == "seed"
+    # A limb without thermocouples has no difference of readings.
+    unread = make_recording()
+    unread.measured_temperature[:] = np.nan
+    unread.save("unread.csv")
+    differences = compared(["unread.csv", "recording.csv"], capsys)["differences"]
+    assert [difference["signal"] for difference in differences] == ["bend_angle", "duty"]
     make_recording(-1.0).save("same_times.csv")
     facts = compared(["recording.csv", "same_times.csv"], capsys)
     assert facts["differences"][0]["percentile_90"] == pytest.approx(1.0, abs=1e-9)

@@ -133,7 +133,7 @@ def test_a_gait_of_gradual_paths_has_the_heat_of_the_true_ones(gaits, monkeypatc
     assert np.abs(gait.wire_temperature[:, -1] - gait.wire_temperature[:, 0]).max() < 4.0
 
 
-def test_feet_of_calibrated_robots_carry_more(gaits):
+def test_feet_of_calibrated_robots_carry_more_and_stand_apart(gaits):
     """A sixth of the weight, so that a robot that leans to a side does not tip over."""
     robot = copy.deepcopy(THREE)
     for limb in robot.limbs:
@@ -149,6 +149,14 @@ def test_feet_of_calibrated_robots_carry_more(gaits):
     num_loads = len(least) // 2
     assert least == pytest.approx([0.05] * num_loads + [0.16] * num_loads)
     assert num_loads == 12 * len(THREE.limbs)
+    # The stiffness of the feet against roll and pitch is at least this, by the moments of places.
+    stance = program._stance_block()
+    x = np.zeros(program.prog.num_vars())
+    x[program.y] = program.walker.rest
+    places = program.walker.feet(program.walker.rest)[:, :2]
+    least, largest = np.linalg.eigvalsh(np.cov(places.T, ddof=0) * 3 * robot.contact_stiffness)
+    toppling = program.load * program.walker.size
+    np.testing.assert_allclose(stance.evaluate(x), least * largest / (least + largest) / toppling)
 
 
 def test_wires_go_from_heat_to_heat_along_a_line(gaits):
