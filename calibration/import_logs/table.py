@@ -255,14 +255,14 @@ class _Form:
         if self.is_stamped and is_time(names[0]):
             names[0] = time_name
         # Names that are there twice, such as X and Y of points, begin with what a row above says.
-        counts = Counter(names)
+        counts = Counter(filter(None, names))
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
         for row_above in above:
             joined = []
             for name, cell in zip(names, row_above, strict=True):
                 joined.append(f"{cell} {name}".strip() if counts[name] > 1 else name)
-            if max(Counter(filter(None, joined)).values()) == 1:
+            if max(Counter(filter(None, joined)).values(), default=1) == 1:
                 return joined
         return names
 

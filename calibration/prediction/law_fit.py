@@ -676,7 +676,8 @@ class _FitProblem:
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitened(self._simulated[1])
-        # Reduce each run's residuals to as many rows as it has unknowns.
+        # Rotate each run's residuals into as many rows as it has unknowns, and one. The sum of
+        # their squares stays, and so do its slopes.
         errors = []
         rows = []
         column = size

@@ -314,6 +314,13 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
         dataclasses.replace(mapping)
 
 
+@pytest.mark.parametrize("above", [",,", "limb,run,7"])
+def test_a_line_without_names_gives_no_names(tmp_path, truth, above):
+    columns = [truth.time, *truth.duty]
+    path = write(tmp_path / "log.csv", [""] * 3, columns, head=f"{above}\n")
+    assert table.read_table(path, names_line=2).names == ["column_1", "column_2", "column_3"]
+
+
 def test_numbers_that_no_sensor_reads_are_left_out_unless_readings_are_as_large(tmp_path, truth):
     signed = np.round(254 * (truth.duty[0] - truth.duty[1]))
     assert -127.0 in signed

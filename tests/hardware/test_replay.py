@@ -122,6 +122,18 @@ def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
         assert kept.interrupted == recording.interrupted == ""
 
 
+@pytest.mark.parametrize(
+    ("inputs", "sentence"),
+    [
+        ({"bend_angle": 2}, "takes 2 values at bend_angle, but the limb has 1"),
+        ({"torque": 1}, "has an input port torque, but a limb has only the outputs measured"),
+    ],
+)
+def test_a_controller_that_reads_something_else_is_refused(fig5_plan, inputs, sentence):
+    with pytest.raises(ReplayError, match=sentence):
+        replay(fig5_plan, Limb(), controller=Steady(**inputs))
+
+
 def test_a_replay_ends_at_the_board_s_limit(fig5_plan, tmp_path, capsys):
     """A plan by which the limb's wires get too hot."""
     eager = dataclasses.replace(beginning(fig5_plan, 201), duty=0 * fig5_plan.duty[:, :201] + 0.7)
