@@ -38,10 +38,10 @@ class Watched(Wayfinder):
 
     __slots__ = ()
 
-    def _choose(self, now, pose, over):
-        before = int(now[GOAL])
-        super()._choose(now, pose, over)
-        for goal in range(before, int(now[GOAL])):
+    def _begin_cycle(self, course, pose, overrun):
+        before = int(course[GOAL])
+        super()._begin_cycle(course, pose, overrun)
+        for goal in range(before, int(course[GOAL])):
             reached.append(f"{1e3 * np.hypot(*(pose[:2] - GOALS[goal][:2])):.0f}")
 
 

@@ -24,12 +24,9 @@ MAX_GOAL = 1000.0  # m and rad, of a goal
 LEARNING_RATE = 0.5  # of what a cycle made otherwise than expected
 CYCLES_AHEAD = 3  # of which the best are looked for
 MIN_SPEED = 1e-6  # m/s and rad/s, of robots that turn to one side alone, or not at all
-# A robot does not get on when so many cycles in a row made less than this share of their way.
-STALLED_CYCLES = 5
-MIN_CYCLE_PROGRESS = 0.2
+MIN_CYCLE_SHARE = 0.2  # of the planned travel; a gait that makes less is not walked any more
 TIME, BEFORE, GAIT, GOAL, START = range(5)  # of the state
-STALLED = 7
-EXPECTED = 8  # of the state, which ends with what is expected
+EXPECTED = 7  # of the state, which ends with what is expected
 
 
 class Wayfinder(HeatFeedback):
@@ -38,18 +35,18 @@ class Wayfinder(HeatFeedback):
     The gait is the first of those three cycles after which the robot is expected to be at its goal
     soonest, by the time that it takes to turn to it, walk there, and turn to the heading that is
     asked for. What a cycle of a gait is expected to make after one of each gait is what was planned
-    at first, and then follows what is seen: friction and limbs are not quite as described. Where a
-    gait begins with other heat than the last gait ended with, the robot stands until its wires
-    have it. A place is reached within 15 mm, a heading within 8°. The simulation
-    ends after the last goal, and if the robot falls or five cycles in a row make less than a fifth
-    of their way.
+    at first, and then follows what is seen: friction and limbs are not quite as described. A gait
+    that makes less than a fifth of its planned travel is not walked any more. Where a robot does
+    not turn on the spot, it turns by arcs, along which it also travels. Where a gait begins with
+    other heat than the last gait ended with, the robot stands until its wires have it. A place is
+    reached within 15 mm, a heading within 8°. The simulation ends after the last goal, if the robot
+    falls, and if no gait is left that moves it.
 
     - inputs 0 and 1, output 0: see `PlanController`
     - input 2 ``body_pose``: x, y, z, m, and roll, pitch and yaw, rad; NaN where it is not seen
     - output 1 ``course``: time in the plan, s; numbers of the gait before, of the gait, and of the
-      goal; where the cycle began, x, y, m, and yaw, rad; how many cycles in a row made little; and
-      what a cycle is expected to make, x, y, m, and yaw, rad, in the heading at its beginning,
-      after each gait of each gait
+      goal; where the cycle began, x, y, m, and yaw, rad; and what a cycle is expected to make, x,
+      y, m, and yaw, rad, in the heading at its beginning, after each gait of each gait
     - state, discrete, at 20 Hz: 0 and 1 of `PlanController`; 2: the course
     """
 
@@ -85,7 +82,7 @@ class Wayfinder(HeatFeedback):
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
         self.DeclareVectorInputPort("body_pose", 6)
-        start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3, 0.0]
+        start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3]
         expected = np.tile(made, (len(made), 1)).ravel()
         self.DeclareStateOutputPort("course", self.DeclareDiscreteState([*start, *expected]))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._check_end))
@@ -115,113 +112,153 @@ class Wayfinder(HeatFeedback):
         expected_travel = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)  # by gait before, gait
         previous_gait, gait = map(int, course[[BEFORE, GAIT]])
 
-        # Learn the travel of the cycle, unless it began from cold or the body was not seen.
+        # Learn the travel of the cycle, unless it began from cold or the body was not seen. The
+        # first cycle after another gait tells of cycles after that gait alone.
         if previous_gait < num_gaits and np.isfinite([*start, *pose]).all():
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
             error = body_travel(poses)[:, 0] - expected_travel[previous_gait, gait]
-            expected_travel[previous_gait, gait] += LEARNING_RATE * error
-            is_stalled = self._gaits[gait].progress(poses)[0][0] < MIN_CYCLE_PROGRESS
-            course[STALLED] = course[STALLED] + 1 if is_stalled else 0.0
+            learned = slice(None) if previous_gait == gait else previous_gait
+            expected_travel[learned, gait] += LEARNING_RATE * error
 
         # Go on to the next goal after the robot has reached one, and choose the gait.
         if np.isfinite(pose).all():
             while course[GOAL] < len(self._goals) and self.is_there(pose, course[GOAL]):
                 course[GOAL] += 1
-            if course[GOAL] < len(self._goals):
-                course[GAIT] = self._choose_gait(pose, expected_travel, gait, course[GOAL])
+            if course[GOAL] < len(self._goals) and len(self._useful_gaits(course)):
+                course[GAIT] = self._choose_gait(pose, course)
 
         # Begin its cycle.
         course[BEFORE] = gait
         course[START : START + 3] = pose
         course[TIME] = self._cycle_starts[gait, int(course[GAIT])] + max(0.0, overrun)
 
-    def _choose_gait(
-        self, pose: np.ndarray, expected: np.ndarray, last_gait: int, goal: float
-    ) -> int:
+    def _useful_gaits(self, course: np.ndarray) -> np.ndarray:
+        """Return the numbers of the gaits that are expected to move the robot (U,).
+
+        Args:
+            course: state of output ``course``.
+        """
+        num_gaits = len(self._gaits)
+        expected = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)
+        # A turn counts by the way of a point that is a limb's length away.
+        scales = np.array([1.0, 1.0, self._gaits[0].robot.longest_limb])
+        planned = [np.linalg.norm(scales * gait.displacement) for gait in self._gaits]
+        made = np.linalg.norm(scales * np.diagonal(expected).T, axis=1)
+        return np.flatnonzero(made >= MIN_CYCLE_SHARE * np.array(planned))
+
+    def _choose_gait(self, pose: np.ndarray, course: np.ndarray) -> int:
         """Return the number of the next gait, by the expected time to the goal.
 
         Args:
             pose: x, y, m, and yaw, rad, of the body (3,).
-            expected: expected travel (G, G, 3) after each gait, of each gait.
-            last_gait: number of the gait of the last cycle.
-            goal: number of the goal.
+            course: state of output ``course``.
         """
+        num_gaits = len(self._gaits)
+        expected = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)
+        useful = self._useful_gaits(course)
+        goal = course[GOAL]
+
         # Estimate speeds from expected travel: by planned speeds a slow robot would stand too much.
-        num_gaits = len(expected)
-        diagonal = np.arange(num_gaits)
-        rates = (expected / self._cycle_times[:-1, :, None])[diagonal, diagonal]
-        speed, *turning = np.maximum([rates[:, 0], rates[:, 2], -rates[:, 2]], MIN_SPEED).max(
-            axis=1
-        )
+        rates = (expected / self._cycle_times[:-1, :, None])[useful, useful]
+        speed = max(MIN_SPEED, rates[:, 0].max())
+
+        # Take the fastest turn to the left and to the right, and the radius of its arc.
+        turns = []
+        for side in (1.0, -1.0):
+            fastest = rates[np.argmax(side * rates[:, 2])]
+            turn_rate = side * max(MIN_SPEED, side * fastest[2])
+            turns.append((turn_rate, fastest[0] / turn_rate))  # no radius on the spot
 
         # Predict the time to the goal after each choice of the next three cycles.
-        choices = list(itertools.product(range(num_gaits), repeat=CYCLES_AHEAD))
-        times = []
-        for choice in choices:
-            after = pose
-            duration = 0.0
-            for before, gait in itertools.pairwise((last_gait, *choice)):
-                if self.is_there(after, goal):
-                    break
-                x_y = expected[before, gait][:2]
-                turn = expected[before, gait][2]
-                place = after[:2] + rotate_to_heading(x_y, -after[2])
-                after = np.append(place, after[2] + turn)
-                duration += self._cycle_times[before, gait]
-            times.append(duration + self._time_to_go(after, goal, speed, turning))
-        return choices[int(np.argmin(times))][0]
+        choices = np.array(list(itertools.product(useful, repeat=CYCLES_AHEAD)))
+        poses = np.tile(pose[:, None], len(choices))
+        times = np.zeros(len(choices))
+        before = np.full(len(choices), int(course[GAIT]))
+        for gaits in choices.T:
+            goes_on = ~self.is_there(poses, goal)
+            travel = goes_on * expected[before, gaits].T
+            poses[:2] += rotate_to_heading(travel[:2], -poses[2])
+            poses[2] += travel[2]
+            times += goes_on * self._cycle_times[before, gaits]
+            before = gaits
+        times += ~self.is_there(poses, goal) * self._time_to_go(poses, goal, speed, turns)
+        return int(choices[np.argmin(times), 0])
 
-    def is_there(self, pose: np.ndarray, goal: float, slack: float = 1.0) -> bool:
-        """Return whether a pose x, y, m, and yaw, rad, is at a goal, and faces as it asks for.
+    def is_there(self, pose: np.ndarray, goal: float, slack: float = 1.0) -> np.ndarray:
+        """Return whether poses x, y, m, and yaw, rad, are at a goal, and face as it asks for.
 
         Args:
-            pose: x, y, m, and yaw, rad, of the body (3,).
+            pose: x, y, m, and yaw, rad, of the body (3, ...).
             goal: number of the goal, from 0.
             slack: times 15 mm and 8°, within which it is there.
         """
         x, y, heading = self._goals[int(goal)]
         distance = np.hypot(x - pose[0], y - pose[1])
-        turn = abs(_wrap_angle(heading - pose[2]))  # NaN if any heading will do
-        return bool(distance <= slack * PLACE_TOLERANCE and not turn > slack * HEADING_TOLERANCE)
+        turn = np.abs(_wrap_angle(heading - pose[2]))  # NaN if any heading will do
+        return (distance <= slack * PLACE_TOLERANCE) & ~(turn > slack * HEADING_TOLERANCE)
 
     def _time_to_go(
-        self, pose: np.ndarray, goal: float, speed: float, turning: Sequence[float]
-    ) -> float:
-        """Return the time to turn to a goal, walk to it and turn to its heading, s.
+        self, poses: np.ndarray, goal: float, speed: float, turns: Sequence[tuple[float, float]]
+    ) -> np.ndarray:
+        """Return the time to turn to a goal, walk to it and turn to its heading (C,), s.
+
+        The way is an arc, a line that touches it, and an arc that touches the line at its end. On
+        the spot an arc has no radius.
 
         Args:
+            poses: x, y, m, and yaw, rad, of the body (3, C).
             speed: speed ahead, m/s.
-            turning: rates of turning to the left and to the right, rad/s.
+            turns: rate, rad/s, and radius of the arc, m, of the turns to the left and to the right;
+                those to the right are negative.
         """
 
-        def time_to_turn(angle: float, tolerance: float) -> float:
+        def time_to_turn(
+            angle: np.ndarray, tolerance: np.ndarray | float, rate: float
+        ) -> np.ndarray:
+            """Return the time to turn by an angle with a rate of one sign, s."""
             angle = _wrap_angle(angle)
-            left = max(0.0, abs(angle) - tolerance) * np.sign(angle)
-            return min(left % (2 * np.pi) / turning[0], -left % (2 * np.pi) / turning[1])
+            left = np.maximum(0.0, np.abs(angle) - tolerance) * np.sign(angle)
+            return np.sign(rate) * left % (2 * np.pi) / abs(rate)
 
         x, y, heading = self._goals[int(goal)]
-        away = np.array([x, y]) - pose[:2]
-        distance = float(np.hypot(*away))
-        facing = pose[2]
-        time = 0.0
-        if distance > PLACE_TOLERANCE:
-            facing = np.arctan2(away[1], away[0])
-            time = time_to_turn(facing - pose[2], np.arcsin(PLACE_TOLERANCE / distance))
-            time += (distance - PLACE_TOLERANCE) / speed
-        return time + (
-            0.0 if np.isnan(heading) else time_to_turn(heading - facing, HEADING_TOLERANCE)
-        )
+        any_heading = np.isnan(heading)
+        times = []
+        for (first_rate, first_radius), (last_rate, last_radius) in itertools.product(turns, turns):
+            # Find the line from the circle of the first arc to the circle of the last arc.
+            if any_heading:
+                last_radius = 0.0  # the way ends with the line
+            start = poses[:2] + first_radius * np.array([-np.sin(poses[2]), np.cos(poses[2])])
+            end = np.array([x, y])
+            if not any_heading:
+                end += last_radius * np.array([-np.sin(heading), np.cos(heading)])
+            away = end[:, None] - start
+            distance = np.hypot(*away)
+            offset = last_radius - first_radius
+            length = np.sqrt(np.maximum(0.0, distance**2 - offset**2))
+            line = np.arctan2(away[1], away[0]) - np.arctan2(offset, length)
+
+            # Add up the times, with the tolerances of place and heading.
+            is_near = distance <= PLACE_TOLERANCE
+            tolerance = np.arcsin(np.minimum(1.0, PLACE_TOLERANCE / np.maximum(distance, 1e-9)))
+            facing = np.where(is_near, poses[2], line)
+            time = time_to_turn(facing - poses[2], tolerance, first_rate)
+            time += np.maximum(0.0, length - PLACE_TOLERANCE) / speed
+            if not any_heading:
+                time += time_to_turn(heading - facing, HEADING_TOLERANCE, last_rate)
+            # There is no such line from one circle to another one around it.
+            times.append(np.where(distance + PLACE_TOLERANCE < abs(offset), np.inf, time))
+        return np.min(times, axis=0)
 
     def _check_end(self, context) -> EventStatus:
-        """End the simulation after a fall, after the last goal, or if the robot stalls."""
+        """End the simulation after a fall, after the last goal, or if no gait moves the robot."""
         roll, pitch = self.get_input_port(2).Eval(context)[3:5]
         if max(abs(roll), abs(pitch)) > FALL_TILT:
             return EventStatus.ReachedTermination(self, "the robot has fallen")
         course = context.get_discrete_state(2).value()
         if course[GOAL] >= len(self._goals):
             return EventStatus.ReachedTermination(self, "the robot has arrived")
-        if course[STALLED] >= STALLED_CYCLES:
+        if not len(self._useful_gaits(course)):
             return EventStatus.ReachedTermination(self, "the robot does not get on")
         return EventStatus.DidNothing()
 
@@ -276,6 +313,6 @@ def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarra
     return dataclasses.replace(cycles, **signals), begins, lasts
 
 
-def _wrap_angle(angle: float) -> float:
-    """Return an angle within half a turn of zero, rad."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+def _wrap_angle(angle: np.ndarray) -> np.ndarray:
+    """Return angles within half a turn of zero, rad."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

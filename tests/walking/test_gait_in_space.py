@@ -1,6 +1,7 @@
 """Gaits in space: mechanics against Drake's plant, walks with contact, requests, and the way."""
 
 import copy
+import dataclasses
 import math
 
 import numpy as np
@@ -22,6 +23,7 @@ from walking import (
     add_robot,
     plan_gait,
 )
+from walking.gait import rotate_to_heading
 from walking.gait_check import simulate_gait
 from walking.gait_planning import _solve_with_gradual_turns
 from walking.gait_program import GaitProgram
@@ -30,7 +32,7 @@ from walking.robot import set_positions
 from walking.schedules import candidate_schedules, format_schedule, parse_schedule
 from walking.walk_trajectory import walk
 from walking.walker import Walker
-from walking.wayfinder import STALLED, STALLED_CYCLES, join_gaits
+from walking.wayfinder import GAIT, GOAL, join_gaits
 
 from .conftest import contacts_of_intervals, quickened
 
@@ -296,13 +298,77 @@ def test_a_robot_gets_to_places_though_its_cycles_are_not_as_planned(gaits):
             assert np.cos(place[2] - heading[0]) >= np.cos(np.deg2rad(8.0))
 
 
-def test_stalled_robot_is_stopped_after_five_cycles(gaits):
-    finder = Wayfinder({"ahead": gaits["ahead"]}, [(0.15, 0.0)])
+@pytest.fixture(scope="module")
+def planned_travels() -> dict[str, tuple[float, float, float]]:
+    """Travel x, y, m, and yaw, rad, in a cycle of five gaits."""
+    return {
+        "ahead": (17.6e-3, 0.0, 0.0),
+        "left": (20.7e-3, 2.1e-3, 0.19),
+        "right": (21.8e-3, -2.2e-3, -0.19),
+        "spot_left": (0.0, 0.0, 0.29),
+        "spot_right": (0.0, 0.0, -0.27),
+    }
+
+
+def with_travel(gait: Gait, travel: tuple[float, float, float]) -> Gait:
+    """Return a gait whose cycle makes another travel x, y, m, and yaw, rad."""
+    body_pose = gait.body_pose.copy()
+    body_pose[:, -1] = body_pose[:, 0]
+    body_pose[[0, 1, 5], -1] += travel
+    return dataclasses.replace(gait, body_pose=body_pose)
+
+
+def walk_kinematically(
+    finder: Wayfinder, travels: list[tuple[float, float, float]], max_cycles: int
+) -> tuple[list[int], list[np.ndarray], np.ndarray]:
+    """Walk by the true travel of each gait, until the robot arrives or no gait moves it.
+
+    Returns:
+        The gaits of the cycles, the poses at the places that were reached, and the last course.
+    """
     course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
-    course[1], course[4:7] = 0, 0.0  # it does not begin from cold
-    for made in (0.1, 0.1, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1):
-        assert course[STALLED] < STALLED_CYCLES
-        pose = course[4:7] + np.array([made * gaits["ahead"].stride, 0.0, 0.0])
-        course[2] = 0  # whatever it would rather walk by
+    pose = np.zeros(3)
+    gaits = []
+    visited = []
+    for _ in range(max_cycles):
+        gait = int(course[GAIT])
+        place = pose[:2] + rotate_to_heading(np.array(travels[gait][:2]), -pose[2])
+        pose = np.append(place, pose[2] + travels[gait][2])
+        goal = int(course[GOAL])
         finder._begin_cycle(course, pose, 0.0)
-    assert course[STALLED] == STALLED_CYCLES
+        gaits.append(gait)
+        if course[GOAL] > goal:
+            visited.append(pose)
+        if course[GOAL] == len(finder._goals) or not len(finder._useful_gaits(course)):
+            break
+    return gaits, visited, course
+
+
+@pytest.mark.parametrize("spot_turns", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (-0.4, 0.0)])
+def test_a_robot_that_does_not_turn_on_the_spot_goes_by_arcs(gaits, planned_travels, spot_turns):
+    """To a place and a heading, and back, though turns on the spot make a share of the plan."""
+    five = {name: with_travel(gaits["ahead"], travel) for name, travel in planned_travels.items()}
+    finder = Wayfinder(five, [(0.5, 0.0, math.pi / 2), (0.0, 0.0)])
+    travels = list(planned_travels.values())
+    for gait, share in zip((3, 4), spot_turns, strict=True):
+        travels[gait] = (0.0, 0.0, share * travels[gait][2])
+    walked, visited, _ = walk_kinematically(finder, travels, 400)
+    assert len(visited) == 2
+    there, back = visited
+    assert np.hypot(there[0] - 0.5, there[1]) <= 0.03
+    assert np.cos(there[2] - math.pi / 2) >= np.cos(np.deg2rad(8.0))
+    assert np.hypot(*back[:2]) <= 0.03
+    if spot_turns == (1.0, 1.0):  # turns on the spot as planned are taken for granted
+        there_by = "0212121000000212120011122331333"
+        back_by = "3311111112200000212112121000"
+        assert "".join(map(str, walked)) == there_by + back_by
+
+
+def test_a_robot_that_no_gait_moves_is_stopped_after_each_was_tried(gaits, planned_travels):
+    five = {name: with_travel(gaits["ahead"], travel) for name, travel in planned_travels.items()}
+    finder = Wayfinder(five, [(0.15, 0.0)])
+    slow = [tuple(0.1 * np.array(travel)) for travel in planned_travels.values()]
+    walked, visited, course = walk_kinematically(finder, slow, 60)
+    assert not visited
+    assert {*walked} == set(range(5))
+    assert not len(finder._useful_gaits(course))

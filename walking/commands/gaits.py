@@ -58,7 +58,7 @@ from walking.strides import StridesFit, fit_strides
 from walking.views.robot_panels import body_path_panel
 from walking.walk_trajectory import walk
 from walking.walker import check_walker
-from walking.wayfinder import MIN_CYCLE_PROGRESS, STALLED_CYCLES, Wayfinder
+from walking.wayfinder import MIN_CYCLE_SHARE, Wayfinder
 
 STRIDE_FEEDBACK = "gait-feedback"
 BEND_FEEDBACK = "plan-feedback"
@@ -78,8 +78,8 @@ MIN_KEPT_STRIDE_SHARE = 0.9  # of the planned stride in space: robots that make 
 # Of the tolerance of a place: a camera sees robots that arrived within so many times as much.
 CAMERA_TOLERANCE_FACTOR = 1.2
 STALLED_MESSAGE = (
-    f"stopped, as {STALLED_CYCLES} cycles in a row made less than {MIN_CYCLE_PROGRESS:.0%} of "
-    "what was planned; does the robot slip, or is it another than the gait's?"
+    f"stopped, as every gait makes less than {MIN_CYCLE_SHARE:.0%} of what was planned; does the "
+    "robot slip, or is it another than the gait's?"
 )
 COOLING_TIME = 180.0  # s, for which an emulated robot stands with its wires off before it goes on
 _Trial = tuple[Schedule, Gait | None, str]  # with its gait, or the reason why it has none
@@ -262,10 +262,11 @@ def _walk_to_places(options: argparse.Namespace) -> int:
     robot = _make_robot(options, ahead)
     controller = Wayfinder(gaits, options.to)
 
-    # Walk for at most three times as many strides as planned, and 30 cycles to turn at each place.
+    # Walk for at most three times as many strides as planned, and 80 cycles for turns by
+    # arcs at each place.
     waypoints = np.vstack([[0.0, 0.0], *(goal[:2] for goal in options.to)])
     length = np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum()
-    max_cycles = int(3 * length / ahead.stride) + 30 * len(options.to)
+    max_cycles = int(3 * length / ahead.stride) + 80 * len(options.to)
     longest_walk = walk(ahead, max_cycles)
     recording = record_replay(longest_walk, robot, options.output, controller=controller)
     save_panels([body_path_panel(recording, options.to)], options.plot)
@@ -276,10 +277,11 @@ def _walk_to_places(options: argparse.Namespace) -> int:
     last_pose = pose[:, np.isfinite(pose).all(axis=0)][:, -1]
     distance = float(np.hypot(*(last_pose[:2] - waypoints[-1])))
     fall = find_fall(recording, ahead)[0]
-    # The Wayfinder ends the walk at the last place, or when the robot stalls.
+    # The Wayfinder ends the walk at the last place, or when no gait moves the robot.
     ended = recording.time[-1] < longest_walk.duration - PERIOD
     last_goal = len(options.to) - 1
-    is_there = controller.is_there(last_pose[[0, 1, 5]], last_goal, slack=CAMERA_TOLERANCE_FACTOR)
+    last_place = last_pose[[0, 1, 5]]
+    is_there = bool(controller.is_there(last_place, last_goal, slack=CAMERA_TOLERANCE_FACTOR))
     arrived = ended and is_there and not (fall or recording.interrupted)
     stalls = ended and not (arrived or fall or recording.interrupted)
     sentence = f"{1e3 * distance:.0f} mm from the last place, after {recording.time[-1]:.0f} s"
