@@ -278,7 +278,7 @@ def _walk_to_places(options: argparse.Namespace) -> int:
     distance = float(np.hypot(*(last_pose[:2] - waypoints[-1])))
     fall = find_fall(recording, ahead)[0]
     # The Wayfinder ends the walk at the last place, or when no gait moves the robot.
-    ended = recording.time[-1] < longest_walk.duration - PERIOD
+    ended = bool(recording.time[-1] < longest_walk.duration - PERIOD)
     last_goal = len(options.to) - 1
     last_place = last_pose[[0, 1, 5]]
     is_there = bool(controller.is_there(last_place, last_goal, slack=CAMERA_TOLERANCE_FACTOR))
