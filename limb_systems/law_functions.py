@@ -150,7 +150,8 @@ def array_fields(law: WireLaw) -> dict[str, np.ndarray]:
 def with_fields(law_type: type[WireLaw], fields: Mapping[str, Any]) -> WireLaw:
     """Return a law of a class whose fields are arrays or symbols, for calculations only."""
     law = law_type()
-    vars(law).update(fields)  # without a check of each name, which takes longer than the law
+    for name, values in fields.items():
+        setattr(law, name, values)
     return law
 
 

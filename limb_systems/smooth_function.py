@@ -301,20 +301,10 @@ class SmoothFunction:
         values: expressions (Q,).
         point: their variables (P,).
         parameters: further symbols, by which nothing is differentiated.
-        held: symbols s in the values f(x, s), and expressions s(x) for them. Curvatures are then
-            approximate, and much shorter: they leave out products with the slopes of s(x).
     """
 
-    def __init__(
-        self,
-        values: ca.SX,
-        point: ca.SX,
-        parameters: ca.SX | None = None,
-        held: tuple[ca.SX, ca.SX] = (ca.SX(0, 1), ca.SX(0, 1)),
-    ):
-        self._held = held
-        self._values_by_held = values
-        self._values = ca.substitute(values, *held)
+    def __init__(self, values: ca.SX, point: ca.SX, parameters: ca.SX | None = None):
+        self._values = values
         self._point = point
         self._parameters = [] if parameters is None else [parameters]
         self.num_values = values.numel()
@@ -384,14 +374,8 @@ class SmoothFunction:
 
     @functools.cached_property
     def _hessian(self) -> ca.SX:
-        """The lower triangle of the Hessian of weights · values, with the ``held`` expressions."""
-        # The held expressions s(x) count with their own curvature, times the slopes by s.
-        symbols, expressions = self._held
-        weighted = ca.dot(self._weights, self._values_by_held)
-        slopes = ca.SX.sym("m", symbols.numel())
-        hessian = ca.hessian(weighted + ca.dot(slopes, expressions), self._point)[0]
-        hessian = ca.substitute(ca.tril(hessian), slopes, ca.gradient(weighted, symbols))
-        return ca.substitute(hessian, symbols, expressions)
+        """The lower triangle of the Hessian of weights · values."""
+        return ca.tril(ca.hessian(ca.dot(self._weights, self._values), self._point)[0])
 
     @functools.cached_property
     def _compiled_values(self) -> Compiled:

@@ -106,11 +106,10 @@ class MotionDefects:
 
         # The states in the middle.
         readings = ca.SX(wires.num_wires, 1)  # which heat nothing
-        knots = ca.vertcat(x0, readings), D0, ca.vertcat(x1, readings), D1
-        shift = middle_shift(wires, *knots, h)[:N]
+        change = wires.symbolic_heat(x0, readings, D0) - wires.symbolic_heat(x1, readings, D1)
         q_middle = (q0 + q1) / 2 - h / 8 * (v1 - v0)
         v_middle = 1.5 / h * (q1 - q0) - (v0 + v1) / 4
-        x_middle = (x0 + x1) / 2 + shift
+        x_middle = (x0 + x1) / 2 + h / 8 * change[:N]
 
         # Functions of the heat, at given angles.
         heat = ca.vertcat(x0, D0, x1, D1)
@@ -125,10 +124,8 @@ class MotionDefects:
         else:
             given = ca.vertcat(in_middle, h)
             middle_force = SmoothFunction(force(x_middle, in_middle), heat, given)
-        held = ca.SX.sym("s", N), shift
-        force_in_middle = force((x0 + x1) / 2 + held[0], in_middle)
-        forces = ca.vertcat(force(x0, at_begin), force(x1, at_end), force_in_middle)
-        all_forces = SmoothFunction(forces, heat, ca.vertcat(angles, h), held)
+        forces = ca.vertcat(force(x0, at_begin), force(x1, at_end), force(x_middle, in_middle))
+        all_forces = SmoothFunction(forces, heat, ca.vertcat(angles, h))
 
         # The rows but for the accelerations in the middle, and the equations of motion.
         a0, a1, a_middle = (ca.SX.sym(name, n) for name in ("a0", "a1", "ac"))
@@ -194,10 +191,7 @@ class MotionDefects:
         )
 
     def with_curvature_of_heat(self) -> "MotionDefects":
-        """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone.
-
-        They leave out products with the slopes of `middle_shift`.
-        """
+        """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone."""
         block = copy.copy(self)
         block._set_hessian_pattern(is_whole=False)
         return block
@@ -421,7 +415,7 @@ def fixed_time_heat_blocks(
     """Return `heat_block` at fixed time steps: a block for each group of equal wires.
 
     Wires that do not heat each other are points of one function, which is shorter than a function
-    of all wires. Hessians leave out products with the slopes of `middle_shift`.
+    of all wires.
 
     Args:
         model, duty, time_steps: as for `heat_block`.
@@ -466,20 +460,12 @@ def _heat_function(
     size = len(wires.heat_scales)
     first, second = (among_zeros(y, rows, size) for y in (y0, y1))
     duty, next_duty = (among_zeros(D, group, wires.num_wires) for D in (D0, D1))
-    knots = first, duty, second, next_duty
-    held = ca.SX.sym("s", size), middle_shift(wires, *knots, h)
-    defects = heat_defects(wires, *knots, h, held[0])
-    return SmoothFunction(defects[rows.tolist()], ca.vertcat(y0, D0, y1, D1), h, held)
+    defects = heat_defects(wires, first, duty, second, next_duty, h)
+    return SmoothFunction(defects[rows.tolist()], ca.vertcat(y0, D0, y1, D1), h)
 
 
 def heat_defects(
-    wires: Wires,
-    first: ca.SX,
-    duty: ca.SX,
-    second: ca.SX,
-    next_duty: ca.SX,
-    step: ca.SX,
-    shift: ca.SX | None = None,
+    wires: Wires, first: ca.SX, duty: ca.SX, second: ca.SX, next_duty: ca.SX, step: ca.SX
 ) -> ca.SX:
     """Return the defects of the heat y alone over an interval of length h, as expressions (M,).
 
@@ -491,23 +477,13 @@ def heat_defects(
         first, second: y0 and y1 (M,).
         duty, next_duty: D0 and D1 (W,).
         step: h, s.
-        shift: symbols (M,) in place of `middle_shift`.
     """
-    if shift is None:
-        shift = middle_shift(wires, first, duty, second, next_duty, step)
-    rates = _heat_rates(wires, first, duty) + _heat_rates(wires, second, next_duty)
-    middle = (first + second) / 2 + shift
-    rates += 4 * _heat_rates(wires, middle, (duty + next_duty) / 2)
-    return second - first - step / 6 * rates
 
+    def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
+        return wires.symbolic_heat(*ca.vertsplit(heat, [0, wires.num_states, heat.numel()]), duty)
 
-def middle_shift(
-    wires: Wires, first: ca.SX, duty: ca.SX, second: ca.SX, next_duty: ca.SX, step: ca.SX
-) -> ca.SX:
-    """Return yc - (y0 + y1)/2 of `heat_defects`, by which rates bend the heat (M,)."""
-    change = _heat_rates(wires, first, duty) - _heat_rates(wires, second, next_duty)
-    return step / 8 * change
-
-
-def _heat_rates(wires: Wires, heat: ca.SX, duty: ca.SX) -> ca.SX:
-    return wires.symbolic_heat(*ca.vertsplit(heat, [0, wires.num_states, heat.numel()]), duty)
+    before = rates(first, duty)
+    after = rates(second, next_duty)
+    middle = (first + second) / 2 + step / 8 * (before - after)
+    in_middle = rates(middle, (duty + next_duty) / 2)
+    return second - first - step / 6 * (before + 4 * in_middle + after)

@@ -59,17 +59,6 @@ def test_only_derivatives_that_may_not_be_zero_have_a_place():
     np.testing.assert_array_equal(function.first(points, given)[1][0], [[2, 1, 0], [0, 0, 5]])
 
 
-def test_curvature_leaves_out_products_with_the_slopes_of_held_expressions():
-    x, s = ca.SX.sym("x"), ca.SX.sym("s")
-    function = SmoothFunction((x + s) ** 3, x, held=(s, ca.sin(x)))
-    (point,) = points = np.array([0.7])
-    total = point + np.sin(point)
-    assert function.values(points) == pytest.approx(total**3)
-    assert function.slopes(points) == pytest.approx(3 * total**2 * (1 + np.cos(point)))
-    expected = 6 * total - 3 * total**2 * np.sin(point)
-    assert function.curvatures(points, np.ones(1)) == pytest.approx(expected)
-
-
 def test_conditions_choose_between_branches_of_which_one_is_infinite():
     x = ca.SX.sym("x")
     function = SmoothFunction(ca.if_else(ca.logic_and(x > 0, x < 1), 1 / x, 3.0), x)

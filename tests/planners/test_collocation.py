@@ -123,7 +123,7 @@ def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
 
 
 def test_hessian_is_the_difference_quotient_of_the_jacobian():
-    """The whole Hessian, and nearly the cheap one, by heat and duty alone."""
+    """The whole one, and then that by heat and duty alone."""
     generator = np.random.default_rng(7)
     for parameters in limbs().values():
         wires, n = LimbModel.of(parameters).wires, parameters.num_joints
@@ -151,11 +151,10 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
         defects.blocks[0] = defects.blocks[0].with_curvature_of_heat()
         hessian = scales[:, None] * defects.hessian(multipliers, *signals) * scales
         by_heat = hessian[:-2, :-2]  # not by the time steps
-        np.testing.assert_allclose(by_heat, quotient[:-2, :-2], atol=1e-5 * most)
+        np.testing.assert_allclose(by_heat, quotient[:-2, :-2], atol=1e-6 * most)
 
 
 def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
-    """And nearly its curvature, which leaves out products of slopes."""
     generator = np.random.default_rng(3)
     for parameters in limbs().values():
         model = LimbModel.of(parameters)
@@ -173,21 +172,11 @@ def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
             np.add.at(changes, block.rows, block.jacobian(x) * direction[block.columns])
             return np.array([block.evaluate(x), changes])
 
-        def curvature(block, x=x, direction=direction):
-            """Return the second derivative along the direction, of all rows together."""
-            rows, columns = block.hessian_rows, block.hessian_columns
-            twice = np.where(rows == columns, 1.0, 2.0)
-            values = block.hessian(x, np.ones(len(block.lower)))
-            return (twice * values * direction[rows] * direction[columns]).sum()
-
         for size in (heat.shape[1], model.wires.num_states):  # with readings, and without
             expected = values_and_changes(whole).reshape(2, 2, -1)[..., :size].reshape(2, -1)
             blocks = fixed_time_heat_blocks(model, heat_at[:, :size], duty_at, places[2])
             actual = np.hstack([values_and_changes(block) for block in blocks])
             np.testing.assert_allclose(np.sort(actual), np.sort(expected), rtol=1e-9, atol=1e-9)
-        blocks = fixed_time_heat_blocks(model, heat_at, duty_at, places[2])
-        actual = sum(curvature(block) for block in blocks)
-        np.testing.assert_allclose(actual, curvature(whole), rtol=1e-3, atol=1e-12)
 
 
 def test_recurrence_in_chunks_is_the_recurrence_knot_by_knot():
