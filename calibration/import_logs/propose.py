@@ -201,10 +201,15 @@ class Columns:
         self.duties.sort(key=lambda column: column.name.order)
         self.free = self.free.without(self.duties)
         if not self.duties:
+            # Columns that are named alike are the duties of all wires, or of none.
             likely = self.columns.having("looks_like_heat", True)
+            stems = set(likely.having("name.role", "").each("name.stem")) - {""}
+            likely = self.columns.where(lambda c: c in likely or c.name.stem in stems)
             for index, wire_name in enumerate(self.limb.wire_names):
                 self.wires.append(WireColumns(wire_name, UNKNOWN))
-                self.ask("no duty", f"wires[{index}].duty", likely, wire=wire_name)
+                label = Name(wire_name, self.dictionary).label
+                choices = sorted(likely, key=lambda c, own=label: c.name.label != own)
+                self.ask("no duty", f"wires[{index}].duty", choices, wire=wire_name)
             return
         # Numbers with a sign heat two wires.
         signs = [1.0]

@@ -661,6 +661,13 @@ def test_questions_are_answered_at_a_terminal(tmp_path, cases, capsys, monkeypat
     assert LogMapping.load(mapping).rate == RATE
 
 
+def test_duties_that_are_named_alike_are_proposed_to_each_wire_its_own_first(tmp_path, cases):
+    names, columns = cases["controlled things"]
+    questions = read(write(tmp_path / "log.csv", names.split(), columns))[0].questions
+    assert questions[0].choices == ["wire_left", "wire_right"]
+    assert questions[1].choices == ["wire_right", "wire_left"]
+
+
 def test_a_heated_log_answers_for_a_log_without_heat(tmp_path, truth, cases):
     names, columns = cases["control"]
     heated = write(tmp_path / "heated.csv", names.split(), columns)
