@@ -233,7 +233,9 @@ def _connect_controller(
             f"{name} has a duty for {duty.size()} wires, but the limb has {num_wires}."
         )
     # Its inputs must be outputs of the limb.
-    names = [*Recording.MEASURED, "measurement", *["body_pose"] * limb.HasOutputPort("body_pose")]
+    names = [*Recording.MEASURED, "measurement"]
+    if limb.HasOutputPort("body_pose"):
+        names.append("body_pose")
     for index in range(controller.num_input_ports()):
         port = controller.get_input_port(index)
         if port.get_name() not in names:
@@ -277,9 +279,10 @@ def _record_with(
         builder.AddSystem(limb)
         duty = _connect_controller(builder, limb, controller)
     else:
-        off = np.zeros((len(limb.parameters.wires), 1))
-        course = plan.since_start().duty_trajectory() if plan else PiecewisePolynomial(off)
-        duty = builder.AddSystem(TrajectorySource(course)).get_output_port()
+        signal = PiecewisePolynomial(np.zeros((len(limb.parameters.wires), 1)))
+        if plan:
+            signal = plan.since_start().duty_trajectory()
+        duty = builder.AddSystem(TrajectorySource(signal)).get_output_port()
         builder.AddSystem(limb)
     if plan is not None and limb.HasOutputPort("cut_out"):
         cut_out_end = builder.AddSystem(_EndAtCutOut())

@@ -267,10 +267,10 @@ class EmulatedLimb(BoardIdentity):
 
     @property
     def identity(self) -> str:
-        """A text of the fields, of which each makes another limb.
+        """A text of the fields, by which limbs differ.
 
-        The fields after ``extra`` count only if they are given: a field that a later version adds
-        then leaves all other limbs their numbers.
+        A field after ``extra`` is left out at its default value. If a later version adds a field,
+        all other limbs keep their numbers.
         """
         counted = [self.seed, self.description, self.absent, self.extra]
         for field in dataclasses.fields(self)[len(counted) :]:

@@ -95,7 +95,9 @@ class Wires:
         try:
             rates, reading_rates = self._state_heat(x, V, D)
             force = self._state_force(x, q)
-        except (RuntimeError, TypeError) as error:  # of CasADi, as for an if
+        except LimbError:
+            raise
+        except Exception as error:  # of any kind: a lab's law may do anything with symbols
             kinds = ", ".join(dict.fromkeys(type(law).__name__ for law in laws))
             reason = str(error).strip().rstrip(".")
             raise LimbError(

@@ -448,7 +448,7 @@ def state(run: Run) -> str:
 
 
 def alarms(run: Run) -> list[tuple[str, str]]:
-    """Return kind ("near" or "bad") and sentence for each wire read near T_max or above."""
+    """Return kind ("near" or "bad") and sentence for each wire near T_max or without a reading."""
     if run.header is None or run.reading is None or not run.is_running:
         return []
     parameters = run.header.parameters
@@ -456,12 +456,16 @@ def alarms(run: Run) -> list[tuple[str, str]]:
     # Compare the readings with T_max and the limit at which the heaters go off.
     wire_alarms = []
     for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
+        wire = name.replace("_", " ")
+        if math.isnan(value):
+            wire_alarms.append(("near", f"{wire}: no reading"))
+            continue
         is_too_hot = value >= min(limits.measured_maximum, run.header.limit)
         if not is_too_hot and value < limits.maximum - NEAR_LIMIT:
             continue
         words = "above T_max" if value > limits.maximum else "near T_max"
         words = "too hot" if is_too_hot else words
-        text = f"{name.replace('_', ' ')}: {value:.1f} °C, {words} (T_max {limits.maximum:g} °C)"
+        text = f"{wire}: {value:.1f} °C, {words} (T_max {limits.maximum:g} °C)"
         wire_alarms.append(("bad" if is_too_hot else "near", text))
     return wire_alarms
 

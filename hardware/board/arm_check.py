@@ -70,7 +70,7 @@ def check_supply(
     """
     # The voltage must be given. If the limb was calibrated, it must be the voltage from then.
     if voltage is None:
-        of_voltage = (
+        voltage_check = (
             False,
             "nobody has said which voltage the wires' supply has, and heat goes with its square: "
             "measure it, and give --supply VOLTS",
@@ -78,7 +78,7 @@ def check_supply(
     elif not 0.1 <= voltage <= 1000.0:
         raise LimbError(f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V.")
     else:
-        of_voltage = _check_voltage(voltage, parameters.supply_voltage)
+        voltage_check = _check_voltage(voltage, parameters.supply_voltage)
     # A cut-off must be there.
     sentence = "a thermal cut-off is on the limb"
     if cut_off is None:
@@ -88,7 +88,7 @@ def check_supply(
         )
     elif not cut_off:
         sentence = f"no cut-off: {CUT_OFF_ADVICE}"
-    return [of_voltage, (bool(cut_off), sentence)]
+    return [voltage_check, (bool(cut_off), sentence)]
 
 
 def _check_voltage(voltage: float, calibrated_voltage: float) -> tuple[bool, str]:

@@ -187,9 +187,15 @@ def test_a_writer_of_garbage_has_no_topic():
         network.write(3.0, 0.0, writer=2)
         assert network.duty() == [0.0, 0.0]
         assert "not within 0 and 1" in network.driver.why
-    network.write(0.9, 0.9)
-    assert network.duty() == [0.0, 0.0]
-    assert "total_duty is 1.5" in network.driver.why
+    for duty, delay, why in (
+        ((0.9, 0.9), 0.0, "total_duty is 1.5"),
+        ((0.0, 0.2, 0.0), 0.0, "3 numbers"),
+        ((0.0, np.nan), 0.0, "not within 0 and 1"),
+        ((0.0, 0.2), 0.3, "written 0.30 s ago"),
+    ):
+        network.write(*duty, delay=delay)
+        assert network.duty() == [0.0, 0.0]
+        assert why in network.driver.why
     network.write(0.0, 0.2, writer=1)
     network.write(3.0, 0.0, writer=2)
     assert network.duty() == [0.0, 0.2]

@@ -55,6 +55,22 @@ def test_the_board_ends_arm_check_where_no_heat_shows():
         check(continuum_limb(), "detach left")
 
 
+def test_what_interrupts_arm_check_switches_the_wires_off():
+    board = SimulatedBoard(LimbTwin(seed=1), step=25)
+    board.run(1.0)
+    link = SimulatedLink(board)
+
+    def interrupted_sample():
+        if any(board.duty):
+            raise KeyboardInterrupt
+        return SimulatedLink.next_sample(link)
+
+    link.next_sample = interrupted_sample
+    with pytest.raises(KeyboardInterrupt):
+        check_wires(link, lambda good, what: None)
+    assert not any(board.duty)
+
+
 @pytest.mark.parametrize(
     "heat",
     [

@@ -3,6 +3,7 @@
 import errno
 import itertools
 import os
+import signal
 import termios
 import threading
 import tty
@@ -340,6 +341,15 @@ def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(virtual_time, board):
     assert left == (4711, 0, 42, 95, 1700, 2300, 500, 16)
     assert right == (4711, 1, 50, 80, 1800, 2150, 750, 0)
     assert arm[:3] == (4711, 2, 7000)
+
+
+def test_a_program_that_a_signal_has_ended_heats_no_wire(virtual_time, board, monkeypatch):
+    """Also where a finalizer has swallowed the exception of the handler."""
+    monkeypatch.setattr("hardware.board.signals.received_signals", [signal.SIGINT])
+    with BoardLink(board.port) as link:
+        for heat in (lambda: link.arm(BOUNDS), lambda: link.command(np.zeros(2))):
+            with pytest.raises(KeyboardInterrupt):
+                heat()
 
 
 def test_a_fault_that_stays_is_not_cleared(virtual_time, board):

@@ -465,6 +465,8 @@ def test_alarms_say_which_wire_is_hot(motion):
             assert kind == expected_kind
             assert sentence.startswith(f"right: {temperature:.1f} °C, {word}")
             assert sentence in live_page.state(run)
+    tell(run, Reading(1.0, [0.0], [20.0, math.nan], [0.0] * 2))
+    assert live_page.alarms(run) == [("near", "right: no reading")]
 
 
 def test_the_page_says_whether_the_board_is_armed_and_else_why_not(motion):

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 
 from hardware import LimbTwin, ReplayError, replay
 from limb_systems import (
@@ -132,6 +133,11 @@ def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
 def test_a_controller_that_reads_something_else_is_refused(fig5_plan, inputs, sentence):
     with pytest.raises(ReplayError, match=sentence):
         replay(fig5_plan, Limb(), controller=Steady(**inputs))
+
+
+def test_a_source_without_a_port_for_duty_is_no_controller(fig5_plan):
+    with pytest.raises(ReplayError, match="ConstantVectorSource has no output port duty"):
+        replay(fig5_plan, Limb(), controller=ConstantVectorSource([0.1, 0.1]))
 
 
 def test_a_replay_ends_at_the_board_s_limit(fig5_plan, tmp_path, capsys):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import HardwareError, LimbTwin, ReplayError, SerialLimb, replay
@@ -22,6 +23,7 @@ from limb_systems import (
     SerialBoard,
     simulate,
 )
+from limb_systems.simulation import PERIOD
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs.rollout import make_controller
@@ -57,6 +59,24 @@ def test_a_robot_of_six_wires_has_its_ports_and_heats_on_one_board(virtual_time)
     assert recording.bend_angle.shape[0] == 3
     virtual_time.sleep(0.01)
     assert not any(board.events("duty")[-1][name] for name in limb.wire_names)
+
+
+def test_a_command_that_fails_switches_off_at_once(virtual_time):
+    """Before the simulation ends by its error, a period later."""
+    board = VirtualBoard(virtual_time)
+    with SerialLimb(board.port) as robot:
+        simulator = Simulator(robot)
+        duty = robot.GetInputPort("duty")
+        duty.FixValue(simulator.get_mutable_context(), [0.0, 0.1])
+        simulator.Initialize()
+        for tick in range(5):
+            simulator.AdvanceTo((tick + 0.5) * PERIOD)
+            virtual_time.sleep(PERIOD)
+        assert any(board.duty())
+        duty.FixValue(simulator.get_mutable_context(), [0.0, 1.1])
+        simulator.AdvanceTo(5.5 * PERIOD)
+        virtual_time.sleep(0.02)
+        assert not any(board.duty())
 
 
 def test_replay_sends_the_plan_and_records_all_of_it(virtual_time, emulator, short_plan, tmp_path):

@@ -65,7 +65,7 @@ class WordLaw(LinearLaw):
 
 
 def test_a_law_with_a_word_has_the_band_of_its_equations(uncertain):
-    """And wires of one limb have one word."""
+    """And wires of one limb have one class of law, and one word."""
     limb = copy.deepcopy(uncertain.parameters)
     for wire in limb.wires:
         wire.law = WordLaw(**vars(wire.law), cooling="fan")
@@ -75,4 +75,7 @@ def test_a_law_with_a_word_has_the_band_of_its_equations(uncertain):
     np.testing.assert_allclose(of_words.highest_readings, expected.highest_readings, rtol=1e-9)
     limb.wires[0].law.cooling = "still"
     with pytest.raises(LimbError, match="several words for cooling, fan and still; use one"):
+        band(dataclasses.replace(uncertain, parameters=limb))
+    limb.wires[0].law = LinearLaw()
+    with pytest.raises(LimbError, match="laws of several classes, LinearLaw and WordLaw; use one"):
         band(dataclasses.replace(uncertain, parameters=limb))

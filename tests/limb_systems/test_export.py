@@ -71,6 +71,8 @@ def test_rows_that_are_held_give_the_heat_of_the_plan(plan, tmp_path, options):
     said = path.read_text(encoding="utf-8")
     assert "ramps between its knots" in said
     assert f"Hold each row for {1 / rate:.9g} s." in said
+    cells = said.splitlines()[-1].split(",")
+    assert all(("." in cell) == (top == 1) for cell in cells[1:])  # counts are whole numbers
     time, *held = rows(path).T
     assert np.diff(time) == pytest.approx(1 / rate, abs=1e-7)
     assert 0 <= time[-1] - plan.duration < 1 / rate

@@ -1,11 +1,14 @@
 """The whole diagram: ports, sizes, signs, eqn (12), scalar types, and state (14)."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.symbolic import Expression, Variable
 
 from limb_systems import (
     Limb,
+    LimbError,
     LimbParameters,
     LinearLaw,
     SegmentParameters,
@@ -140,3 +143,19 @@ def test_the_two_conversions_of_eqn_14_invert_each_other(uneven_limb):
         assert there.shape == back.shape == shape
         np.testing.assert_allclose(there, values, atol=1e-11)
         np.testing.assert_allclose(back, values, atol=1e-11)
+
+
+@dataclasses.dataclass
+class PeakLaw(LinearLaw):
+    """A law that arrays obey, but symbols do not."""
+
+    def rates(self, x, D, T0):
+        return [rate.max() for rate in LinearLaw.rates(self, x, D, T0)]
+
+
+def test_a_law_that_fails_in_symbols_is_named_in_a_sentence():
+    parameters = LimbParameters()
+    for wire in parameters.wires:
+        wire.law = PeakLaw()
+    with pytest.raises(LimbError, match=r"law \(PeakLaw\) takes no symbols: .*attribute 'max'"):
+        Limb(parameters)

@@ -196,6 +196,16 @@ def test_compare_tells_a_shift_of_one_degree(folder, capsys):
     assert facts["differences"][0]["percentile_90"] == pytest.approx(1.0, abs=1e-9)
 
 
+def test_compare_takes_the_readings_of_a_plan_solved_again_as_equal(folder, capsys):
+    plan = make_plan()
+    for name, factor in (("first.csv", 1.0), ("again.csv", 1 + 1e-13), ("another.csv", 1 + 1e-7)):
+        check = dataclasses.replace(CHECK, highest_readings=[80.0 * factor, 60.0])
+        dataclasses.replace(plan, check=check).save(name)
+    assert compared(["first.csv", "again.csv"], capsys)["changes"] == []
+    (change,) = compared(["first.csv", "another.csv"], capsys)["changes"]
+    assert change["name"] == "highest_readings_c"
+
+
 def test_compare_prints_the_digits_in_which_numbers_differ(folder):
     several = [
         Change("a", "s", [14.500000000000002, 20.0]),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hardware import LimbTwin, replay
-from limb_systems import LimbError, LimbParameters
+from limb_systems import EmulatedLimb, LimbError, LimbParameters
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs.jobs import load_module, run_each
@@ -44,6 +44,9 @@ def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
     assert sweep(*vary) == 1  # which does not replace the table
     assert sweep(*vary, "--vary", "segments.0.stiffness=0.2", "--force") == 1
     assert "--vary has a field twice" in capsys.readouterr().err
+    LimbParameters(board=EmulatedLimb(7)).save("calibrated.yaml")
+    assert sweep("-l", "calibrated.yaml", "--seeds", "3", "--force") == 1
+    assert "on the emulated limb 7, which the sweep drives" in capsys.readouterr().err
     limb = LimbParameters.load("limb.yaml")
     limb.segments[0].stiffness = 0.11
     trajectory = plan(limb, references.load("mine.csv"))
