@@ -21,6 +21,7 @@ from walking import (
     RobotParameters,
     Wayfinder,
     add_robot,
+    gait_planning,
     plan_gait,
 )
 from walking.gait import rotate_to_heading
@@ -133,6 +134,28 @@ def test_a_gait_of_gradual_paths_has_the_heat_of_the_true_ones(gaits, monkeypatc
     reached = wires.integrate_states(gait.wire_states[:, 0], duty, times)[-1]
     np.testing.assert_allclose(gait.wire_states[:, 1], reached, atol=1e-9)
     assert np.abs(gait.wire_temperature[:, -1] - gait.wire_temperature[:, 0]).max() < 4.0
+
+
+@dataclasses.dataclass
+class AlreadySmoothLaw(HystereticLaw):
+    """A law of one's own, with memory, that is planned with as it is."""
+
+    def smoothed(self):
+        return self
+
+
+@pytest.mark.parametrize("law", [HystereticLaw, AlreadySmoothLaw])
+def test_gradual_paths_are_planned_with_where_a_law_has_them(monkeypatch, law):
+    monkeypatch.setattr(gait_planning, "_solve_with_gradual_turns", lambda *_: "gradual")
+    robot = copy.deepcopy(THREE)
+    for wire in robot.as_single_limb.wires:
+        wire.law = law()
+    program = GaitProgram(robot, candidate_schedules(robot)[0], [2] * 6)
+    if law is HystereticLaw:
+        assert gait_planning._solve(program) == "gradual"
+    else:
+        with pytest.raises(PlanningError, match="IPOPT"):  # there is no time for it
+            gait_planning._solve(program, max_time=1e-3)
 
 
 def test_feet_of_calibrated_robots_carry_more_and_stand_apart(gaits):
