@@ -52,9 +52,9 @@ from walking.walker import Walker
 SLIDE_SIGNS = {"slide_forward": 1.0, "slide_backward": -1.0}
 
 MIN_LOAD_SHARE = 0.05  # of the weight, on each foot on the ground
-# The same in space for calibrated robots, which are real. Their limbs bend a degree or two otherwise
-# than modelled, and their hips are a millimetre off, so that the body leans to one side. With less
-# on the feet of the other side, it tips over.
+# The same in space for calibrated robots, which are real. Their limbs bend a degree or two more or
+# less than modelled, and their hips are a millimetre off, so that the body leans to one side. With
+# less on the feet of the other side, it tips over.
 MIN_LOAD_SHARE_CALIBRATED = 0.16
 # Stiffness of the feet against roll and pitch in space, as a multiple of weight times limb length,
 # of calibrated robots. The weight that tips over takes some 0.8 of it.
