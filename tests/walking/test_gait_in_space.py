@@ -13,6 +13,7 @@ from limb_systems import HystereticLaw, LimbError, LimbModel, Recording
 from limb_systems.files.output import OutputError
 from limb_systems.limb_parameters import CalibrationRecord
 from planners import PlanningError
+from planners.transcription.ipopt import bounds_of_variables
 from soft_limb.command import main
 from walking import (
     Gait,
@@ -115,6 +116,20 @@ def test_three_limbs_walk_as_planned_in_drake(gaits, name):
 def test_a_gait_along_an_arc_begins_with_the_heat_of_the_one_ahead(gaits):
     first, then = (gaits[name].wire_temperature[:, 0] for name in ("ahead", "left"))
     np.testing.assert_allclose(then, first, atol=1e-9)
+
+
+def test_a_gait_begins_as_warm_as_another_one_up_to_its_margin(gaits):
+    ahead = gaits["ahead"]
+    warmth = ahead.wire_temperature[:, 0]
+    warmest = (warmth.min() + warmth.max()) / 2
+    margin = THREE.as_single_limb.temperature_limits.maximum - warmest
+    program = GaitProgram(
+        THREE, ahead.schedule, ahead.intervals, temperature_margin=margin, begins_as=ahead
+    )
+    for each in (program, gait_planning._with_robot(program, THREE)):
+        first = each.heat[0, : len(warmth)]
+        for bounds in bounds_of_variables(each.prog):
+            np.testing.assert_allclose(bounds[first], np.minimum(warmth, warmest))
 
 
 def test_a_gait_of_gradual_paths_has_the_heat_of_the_true_ones(gaits, monkeypatch):
