@@ -337,6 +337,19 @@ def test_programs_have_the_attributes_on_the_page():
         assert all(hasattr(made, name) for name in names)
 
 
+def test_a_task_may_scale_variables():
+    def customize(program):
+        program.prog.SetVariableScaling(program.prog.decision_variable(program.duty[1, 0]), 0.25)
+
+    limb, times, task = LimbParameters(), np.linspace(0.0, 1.0, 3), Task(customize=customize)
+    for program in (
+        TrajectoryProgram(limb, times, task),
+        QuasiStaticProgram(limb, times, LimbModel.of(limb).statics, task),
+    ):
+        assert program.scales[program.duty[:, 0]].tolist() == [1.0, 0.25, 1.0]
+        assert (program.scales[program.heat] == program.wires.heat_scales).all()
+
+
 @pytest.fixture
 def planner():
     return Planner(LimbParameters(), np.linspace(0.0, 10.0, 101), tolerance_deg=0.5)
