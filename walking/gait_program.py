@@ -123,7 +123,8 @@ class GaitProgram:
         steadiness: the least stiffness against pitch in a plane, the last pivot of `Stability`, as
             a multiple of weight times limb length; no pivot is bounded if it is -inf.
         course: where it goes; ahead, as fast as it can, if None.
-        begins_as: a gait of the same robot, with whose heat it begins; with its own if None.
+        begins_as: a gait of the same robot, with whose wire temperatures it begins, as far as the
+            margin allows; with its own if None.
     """
 
     def __init__(
