@@ -17,7 +17,7 @@ from walking.robot_parameters import RobotParameters
 CONTACTS = ("stick", "slide_forward", "slide_backward", "slide", "swing")
 VIOLATION_TOLERANCE = 1e-6
 STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
-# In space, where gaits are walked by what the camera sees them make: of the engines' strides.
+# Strides may differ more in space, where feedback sees by a camera how far the robot goes.
 STRIDE_TOLERANCE_IN_SPACE = 0.1
 ASIDE_TOLERANCE = 0.1  # share of the planned stride, aside of it
 NUM_REPLAYED_CYCLES = 3  # cycles that a page replays

@@ -23,9 +23,9 @@ SETTLED_TOLERANCE_IN_SPACE = 0.02  # there loads, and with them strides, depend 
 SPREAD_CYCLES = 2  # of other robots
 FRICTION_FACTORS = (0.7, 1.3)  # times the friction of the ground
 PARAMETER_VARIATION = 0.1  # share by which parameters are varied
-# Bends of calibrated limbs tell torques by the stiffness to 2 to 5%, either alone to 9%: so much of
-# the variation has their ratio.
-CALIBRATED_SHARE = 0.5
+# Calibration finds the ratio of torque to stiffness to 2 to 5%, but each of them alone to 9% only.
+# On calibrated limbs the ratio varies by this share of PARAMETER_VARIATION.
+RATIO_VARIATION_SHARE = 0.5
 NUM_DRAWS = 4  # of varied parameters
 FALL_TILT = np.deg2rad(60.0)
 UNLOADED_SHARE = 1e-3  # of the weight, on a foot that carries nothing
@@ -40,21 +40,20 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     """Simulate a gait with contact, open loop, and return it with its check.
 
     Simulated strides from the second on may agree with each other, but miss the planned stride by
-    more than 1%. The gait then gets their travel, if it is at least half of the plan's: in a plane
-    by MuJoCo, in space by Drake where it simulates more than a cycle.
+    more than 1%. The gait then gets their travel, if it is at least half of the plan's: their
+    travel in MuJoCo, or, in space, in Drake if Drake simulates more than one cycle.
 
     The simulation begins with the heat of the limit cycle. A gait that walks as planned in MuJoCo
     is simulated by Drake with steps of 1 ms, for one cycle, for two if the first differs from the
     others, or for as many as in MuJoCo if the strides are within 1% of the tolerance. For the
     spread, two cycles each are simulated in MuJoCo with 0.7 and 1.3 times the friction of the
-    ground, and with four draws of the parameters. In each draw the stiffness of each limb and the
-    torque of its wires are 10% larger or smaller. In a plane, so are cooling and heating; in space,
-    where robots walk by the heat of the gait (`HeatFeedback`), these do not count.
+    ground, and with four draws of the parameters, see `with_varied_parameters`. In space cooling
+    and heating are not varied, because `HeatFeedback` holds the heat of the gait there.
 
     Args:
         gait: as planned; the property ``passed`` of the returned gait is the result.
         cycles: number of cycles of the nominal robot; eight if strides after the first differ
-            by more than 0.2% of the planned stride.
+            by more than 0.2%, in space 2%, of the planned stride.
         spread: whether to simulate it with varied friction and parameters, too.
         seed: seed of the draws.
     """
@@ -91,10 +90,12 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
 def _announce_stride(gait: Gait, simulation: GaitVariation, *others: GaitVariation) -> Gait:
     """Return a gait with the stride, turn included, that it makes from its second cycle on.
 
-    Its feet slide the rest. It stays as it is if it falls, or makes less than half of its stride.
+    Its feet slide the rest. The gait stays as it is if the robot falls, or makes less than half of
+    the stride.
 
     Args:
-        simulation, others: of the gait; their strides become shares of the new one.
+        simulation: strides of the gait, which give the new stride.
+        others: further strides of the gait. All become shares of the new stride, in place.
     """
     settled = simulation.strides[1:]
     made = float(np.mean(settled)) if settled and not simulation.fall else 0.0
@@ -136,7 +137,7 @@ def with_varied_parameters(
 ) -> RobotParameters:
     """Return a robot with stiffness and wires' laws 10% larger or smaller, drawn per limb.
 
-    The ratio of torque to stiffness of calibrated limbs varies by 5%.
+    Where a limb is calibrated, the ratio of torque to stiffness is 5% larger or smaller.
 
     Args:
         heat: whether cooling and heating of wires are varied, too.
@@ -147,7 +148,7 @@ def with_varied_parameters(
         a1, a2, torque = rng.choice(factors, 3)
         stiffness = rng.choice(factors)
         if limb.parameters.calibration:
-            torque = stiffness * (1 + CALIBRATED_SHARE * (torque - 1))
+            torque = stiffness * (1 + RATIO_VARIATION_SHARE * (torque - 1))
         law_factors = {"beta": torque, "full_torque": torque}
         if heat:
             law_factors |= {"a1": a1, "a2": a2}

@@ -291,12 +291,12 @@ def _solve(
         PlanningError: with the solver's status, if there is none.
     """
     laws = [wire.law for wire in program.robot.as_single_limb.wires]
-    if program.in_space and any(law.smoothed().memory for law in laws):
+    smoothed_laws = [law.smoothed() for law in laws if law.smoothed() is not law]
+    if program.in_space and any(law.memory for law in smoothed_laws):
         return _solve_with_gradual_turns(program, near, max_time)
 
     # List attempts: pairs of a barrier and a start.
     attempts: list[tuple[dict[str, Any], Callable]]
-    is_hard = any(law.smoothed() is not law for law in laws)
     # An adaptive barrier needs fewer iterations, but with feet that swing it rarely converges.
     barriers = ["adaptive", "monotone"][:: -1 if (program.contacts == "swing").any() else 1]
     starts = [standing_start]
@@ -304,7 +304,7 @@ def _solve(
         starts += [partial(standing_start, warmth=warmth) for warmth in ALTERNATIVE_WARMTHS]
     attempts = [({"mu_strategy": barriers[0]}, start) for start in starts]
     attempts.append(({"mu_strategy": barriers[1]}, standing_start))
-    if near or is_hard:
+    if near or smoothed_laws:
         start = partial(_start_from_gait, gait=near) if near else _start_from_smoothed_laws
         attempts = [(WARM_START_BARRIER, start)]
 

@@ -52,11 +52,12 @@ from walking.walker import Walker
 SLIDE_SIGNS = {"slide_forward": 1.0, "slide_backward": -1.0}
 
 MIN_LOAD_SHARE = 0.05  # of the weight, on each foot on the ground
-# In space, of robots that are calibrated, so that they are real: their limbs bend a degree or two
-# otherwise than modelled, and hips are a millimetre off, so that the body leans to a side. With
+# The same in space for calibrated robots, which are real. Their limbs bend a degree or two more or
+# less than modelled, and their hips are a millimetre off, so that the body leans to one side. With
 # less on the feet of the other side, it tips over.
 MIN_LOAD_SHARE_CALIBRATED = 0.16
-# Of weight x limb length, of soft feet against roll and pitch. The weight takes some 0.8 of it.
+# Stiffness of the feet against roll and pitch in space, as a multiple of weight times limb length,
+# of calibrated robots. The weight that tips over takes some 0.8 of it.
 MIN_STANCE_STIFFNESS = 2.5
 MIN_SLIP = 1e-6  # m; feet that slip less have no direction
 SWING_CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
@@ -122,7 +123,8 @@ class GaitProgram:
         steadiness: the least stiffness against pitch in a plane, the last pivot of `Stability`, as
             a multiple of weight times limb length; no pivot is bounded if it is -inf.
         course: where it goes; ahead, as fast as it can, if None.
-        begins_as: a gait of the same robot, with whose heat it begins; with its own if None.
+        begins_as: a gait of the same robot, with whose wire temperatures it begins, as far as the
+            margin allows; with its own if None.
     """
 
     def __init__(
@@ -400,16 +402,16 @@ class GaitProgram:
         return blocks
 
     def _stance_block(self) -> ConstraintBlock:
-        """Return the bound of the stiffness of the feet against roll and pitch, at all knots.
+        """Return the lower bound on the feet's stiffness against roll and pitch, at all knots.
 
-        With the moments K of the feet's places about their mean, times the feet's stiffness, it is
-        det K / tr K: the harmonic mean of both eigenvalues, halved, and at most the smaller one.
+        K = k Σ p pᵀ is this stiffness (2, 2), N·m, of feet of the stiffness k at places p about
+        their mean. Bounded is det K / tr K, which is at most the smaller eigenvalue of K, and at
+        least half of it.
         """
         feet = self.walker.symbolic_feet
         places = feet[:2, :] - ca.sum2(feet[:2, :]) / self.walker.num_feet
-        moments = self.robot.contact_stiffness * places @ places.T
-        toppling = self.load * self.walker.size
-        stiffness = ca.det(moments) / ca.trace(moments) / toppling
+        K = self.robot.contact_stiffness * places @ places.T
+        stiffness = ca.det(K) / ca.trace(K) / (self.load * self.walker.size)
         function = SmoothFunction(stiffness, self.walker.configuration)
         lower = np.full((len(self.y), 1), MIN_STANCE_STIFFNESS)
         return FunctionBlock(function, self.y, bounds=(lower, np.full_like(lower, np.inf)))

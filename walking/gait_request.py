@@ -38,8 +38,8 @@ class GaitRequest:
     - ``intervals``: number of intervals between knots, shared by the phases; in a plane, a gait
       that is checked gets twice or four times as many, up to 96, where simulation differs.
     - ``near``: a gait of a robot or a course that differs little, of this schedule, to start from.
-    - ``begins_as``: a gait of this robot, with whose heat it begins, so that one may follow the
-      other; with its own if None.
+    - ``begins_as``: a gait of this robot, with whose wire temperatures it begins, as far as the
+      ``temperature_margin`` allows, so that one may follow the other; with its own if None.
     - ``check``, ``spread``: whether to check it by `check_gait`, and with its spread.
     - ``explain``: whether to find out, in up to a minute, why there is no gait, if there is none.
     """

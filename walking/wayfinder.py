@@ -81,6 +81,9 @@ class Wayfinder(HeatFeedback):
         trajectory, self._cycle_starts, self._cycle_times = join_gaits(self._gaits)
         super().__init__(trajectory, parameters=parameters)
         made = np.array([gait.displacement for gait in self._gaits])
+        # A turn counts by the way of a point that is a limb's length away.
+        self._travel_scales = np.array([1.0, 1.0, self._gaits[0].robot.longest_limb])
+        self._min_travels = MIN_CYCLE_SHARE * np.linalg.norm(self._travel_scales * made, axis=1)
         self.DeclareVectorInputPort("body_pose", 6)
         start = [0.0, len(made), 0.0, 0.0, *[np.nan] * 3]
         expected = np.tile(made, (len(made), 1)).ravel()
@@ -107,14 +110,13 @@ class Wayfinder(HeatFeedback):
             pose: x, y, m, and yaw, rad, of the body (3,); NaN where it is not seen.
             overrun: time since the end of the cycle, s.
         """
-        num_gaits = len(self._gaits)
         start = course[START : START + 3].copy()
-        expected_travel = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)  # by gait before, gait
+        expected_travel = self._expected_travel(course)
         previous_gait, gait = map(int, course[[BEFORE, GAIT]])
 
         # Learn the travel of the cycle, unless it began from cold or the body was not seen. The
         # first cycle after another gait tells of cycles after that gait alone.
-        if previous_gait < num_gaits and np.isfinite([*start, *pose]).all():
+        if previous_gait < len(self._gaits) and np.isfinite([*start, *pose]).all():
             poses = np.zeros((6, 2))
             poses[[0, 1, 5]] = np.transpose([start, pose])
             error = body_travel(poses)[:, 0] - expected_travel[previous_gait, gait]
@@ -133,19 +135,20 @@ class Wayfinder(HeatFeedback):
         course[START : START + 3] = pose
         course[TIME] = self._cycle_starts[gait, int(course[GAIT])] + max(0.0, overrun)
 
+    def _expected_travel(self, course: np.ndarray) -> np.ndarray:
+        """Return x, y, m, and yaw, rad, by gait before and gait (G, G, 3), a view of a course."""
+        num_gaits = len(self._gaits)
+        return course[EXPECTED:].reshape(num_gaits, num_gaits, 3)
+
     def _useful_gaits(self, course: np.ndarray) -> np.ndarray:
         """Return the numbers of the gaits that are expected to move the robot (U,).
 
         Args:
             course: state of output ``course``.
         """
-        num_gaits = len(self._gaits)
-        expected = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)
-        # A turn counts by the way of a point that is a limb's length away.
-        scales = np.array([1.0, 1.0, self._gaits[0].robot.longest_limb])
-        planned = [np.linalg.norm(scales * gait.displacement) for gait in self._gaits]
-        made = np.linalg.norm(scales * np.diagonal(expected).T, axis=1)
-        return np.flatnonzero(made >= MIN_CYCLE_SHARE * np.array(planned))
+        expected = np.diagonal(self._expected_travel(course)).T
+        travels = np.linalg.norm(self._travel_scales * expected, axis=1)
+        return np.flatnonzero(travels >= self._min_travels)
 
     def _choose_gait(self, pose: np.ndarray, course: np.ndarray) -> int:
         """Return the number of the next gait, by the expected time to the goal.
@@ -154,8 +157,7 @@ class Wayfinder(HeatFeedback):
             pose: x, y, m, and yaw, rad, of the body (3,).
             course: state of output ``course``.
         """
-        num_gaits = len(self._gaits)
-        expected = course[EXPECTED:].reshape(num_gaits, num_gaits, 3)
+        expected = self._expected_travel(course)
         useful = self._useful_gaits(course)
         goal = course[GOAL]
 
@@ -182,7 +184,8 @@ class Wayfinder(HeatFeedback):
             poses[2] += travel[2]
             times += goes_on * self._cycle_times[before, gaits]
             before = gaits
-        times += ~self.is_there(poses, goal) * self._time_to_go(poses, goal, speed, turns)
+        time_to_go = self._time_to_go(poses, goal, speed, turns)
+        times += np.where(self.is_there(poses, goal), 0.0, time_to_go)
         return int(choices[np.argmin(times), 0])
 
     def is_there(self, pose: np.ndarray, goal: float, slack: float = 1.0) -> np.ndarray:
@@ -218,8 +221,8 @@ class Wayfinder(HeatFeedback):
         ) -> np.ndarray:
             """Return the time to turn by an angle with a rate of one sign, s."""
             angle = _wrap_angle(angle)
-            left = np.maximum(0.0, np.abs(angle) - tolerance) * np.sign(angle)
-            return np.sign(rate) * left % (2 * np.pi) / abs(rate)
+            remaining = np.maximum(0.0, np.abs(angle) - tolerance) * np.sign(angle)
+            return np.sign(rate) * remaining % (2 * np.pi) / abs(rate)
 
         x, y, heading = self._goals[int(goal)]
         any_heading = np.isnan(heading)

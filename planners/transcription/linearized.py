@@ -18,7 +18,7 @@ from planners.transcription.program import PlanProgram
 from planners.transcription.solving import Solution
 
 # A start keeps some distance from its bounds, from where a solver goes on in fewer iterations.
-START_OPTIONS: dict[str, Any] = {
+CLARABEL_START_OPTIONS: dict[str, Any] = {
     "tol_gap_abs": 1e-5,
     "tol_gap_rel": 1e-5,
     "tol_feas": 1e-5,
@@ -95,7 +95,7 @@ class LinearizedProgram:
         self._bounds.evaluator().set_bounds(lower[self._is_used], upper[self._is_used])
         # Solve the program.
         options = SolverOptions()
-        for name, value in START_OPTIONS.items() if is_start else ():
+        for name, value in CLARABEL_START_OPTIONS.items() if is_start else ():
             options.SetOption(ClarabelSolver.id(), name, value)
         result = ClarabelSolver().Solve(self._prog, None, options)
         if not result.is_success():

@@ -321,6 +321,20 @@ def test_multipliers_of_the_start_balance_the_cost_of_its_motion():
         estimate_multipliers(program, start, motion_slopes, quasi_static, solution)
 
 
+def test_a_last_duty_that_may_jump_starts_in_the_middle_of_its_range():
+    """At a bound, where the quasi-static plan has it, IPOPT needs twice the iterations."""
+    model, times = LimbModel(LimbParameters()), np.linspace(0.0, 3.0, 31)
+    reference = np.deg2rad(10.0) * np.sin(times)[None]
+    middle = 0.5 * model.parameters.total_duty / 2
+    for task in (Task.paper(), Task(duty_hold=0.5)):
+        program, solution = solve_quasi_static(
+            model, times, reference, np.full(4, 25.0), task, warm_up_time=20.0, is_start=True
+        )
+        last = program.duty[-1]
+        assert (solution.x[last] == middle).all() == (task.duty_hold == 0)
+        assert solution.multipliers[1][last].any() == (task.duty_hold > 0)
+
+
 def test_clarabel_and_ipopt_solve_the_start_with_the_same_multipliers():
     """All but the bend of linear wires is linear, and here the bend is, too."""
     model = LimbModel(LimbParameters())

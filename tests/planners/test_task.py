@@ -337,6 +337,38 @@ def test_programs_have_the_attributes_on_the_page():
         assert all(hasattr(made, name) for name in names)
 
 
+def test_starts_are_as_accurate_as_they_are_asked_to_be(monkeypatch):
+    used = []
+
+    class Solver(ExactHessianIpoptSolver):
+        def Solve(self, prog, guess, options, **arguments):
+            used.append(options.options["Ipopt"])
+            return super().Solve(prog, guess, options, **arguments)
+
+    monkeypatch.setattr(solving, "ExactHessianIpoptSolver", Solver)
+    limb, times = LimbParameters(), np.linspace(0.0, 1.0, 11)
+    program = QuasiStaticProgram(limb, times, LimbModel.of(limb).statics, Task())
+    program.update(np.zeros((1, 11)), np.full(4, 25.0), 20.0)
+    for accuracy in (None, solving.COARSE_START_OPTIONS):
+        solve_program(program, program.guess(), starts_near=True, accuracy=accuracy)
+    asked = solving.NEAR_OPTIONS, solving.NEAR_OPTIONS | solving.COARSE_START_OPTIONS
+    for options, expected in zip(used, asked, strict=True):
+        assert expected.items() <= options.items()
+
+
+def test_a_task_may_scale_variables():
+    def customize(program):
+        program.prog.SetVariableScaling(program.prog.decision_variable(program.duty[1, 0]), 0.25)
+
+    limb, times, task = LimbParameters(), np.linspace(0.0, 1.0, 3), Task(customize=customize)
+    for program in (
+        TrajectoryProgram(limb, times, task),
+        QuasiStaticProgram(limb, times, LimbModel.of(limb).statics, task),
+    ):
+        assert program.scales[program.duty[:, 0]].tolist() == [1.0, 0.25, 1.0]
+        assert (program.scales[program.heat] == program.wires.heat_scales).all()
+
+
 @pytest.fixture
 def planner():
     return Planner(LimbParameters(), np.linspace(0.0, 10.0, 101), tolerance_deg=0.5)

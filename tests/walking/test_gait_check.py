@@ -8,7 +8,8 @@ import pytest
 
 from limb_systems import LimbError, Recording, RestMemory, simulate
 from limb_systems.limb_parameters import CalibrationRecord
-from walking import Gait, GaitVariation, Robot, check_gait, walk
+from walking import Gait, GaitVariation, Robot, RobotParameters, check_gait, walk
+from walking.gait import STRIDE_TOLERANCE_IN_SPACE
 from walking.gait_check import (
     find_fall,
     measure_strides,
@@ -61,6 +62,39 @@ def test_a_gait_that_walks_steadily_has_the_stride_that_it_makes(
     else:
         assert checked.passed
     assert (checked.duty == gait.duty).all()
+
+
+@pytest.mark.parametrize(
+    ("in_mujoco", "in_drake", "made"),
+    [
+        ([0.96, 1.0, 1.0], [0.98], 1.0),  # a cycle in Drake is enough
+        ([0.7, 0.8, 0.8], [0.7, 0.84], 0.84),  # Drake simulates two, and announces the second
+        ([0.86, 0.9, 0.9], [0.86], 0.9),  # shares of what MuJoCo has announced
+    ],
+)
+def test_a_gait_in_space_has_the_turn_that_drake_makes(
+    gait_in_space, monkeypatch, in_mujoco, in_drake, made
+):
+    simulated = []
+
+    def simulate_gait(walked, what, robot, cycles, *, simulator=simulate_in_mujoco, **_):
+        simulated.append(cycles)
+        turns = in_mujoco if simulator is simulate_in_mujoco else in_drake
+        share = gait_in_space.turn / walked.turn
+        strides = [share * turn for turn in turns]
+        return GaitVariation(what, strides, aside=[0.3 * share, *[0.05 * share] * (len(turns) - 1)])
+
+    monkeypatch.setattr("walking.gait_check.simulate_gait", simulate_gait)
+    check = dataclasses.replace(gait_in_space.check, tolerance=STRIDE_TOLERANCE_IN_SPACE)
+    checked = check_gait(dataclasses.replace(gait_in_space, check=check), spread=False)
+    assert simulated == [3, len(in_drake)]
+    assert checked.turn == pytest.approx(made * gait_in_space.turn)
+    assert checked.check.made == pytest.approx(made)
+    strides = np.array(checked.check.simulation.strides)
+    assert strides == pytest.approx(np.array(in_drake) / made)
+    if len(in_drake) > 1:
+        assert checked.check.simulation.aside == pytest.approx([0.3 / made, 0.05 / made])
+        assert checked.passed
 
 
 def standing(gait: Gait, body_pose=(0.0, 0.06, 0.0), force=0.25) -> Recording:
@@ -127,6 +161,16 @@ def test_heat_and_the_ratio_of_torque_to_stiffness_vary_less_where_they_are_know
         assert abs(stiffness - 1) == pytest.approx(0.1)
         assert abs(torque / stiffness - 1) == pytest.approx(0.05)
         assert segment.wires[0].law.a1 == described.wires[0].law.a1
+
+
+@pytest.mark.parametrize("robot", [RobotParameters(), RobotParameters.in_space(3)])
+def test_cooling_and_heating_vary_in_a_plane_alone(robot):
+    a1, a2 = robot.limbs[0].parameters.wires[0].law.a1, robot.limbs[0].parameters.wires[0].law.a2
+    for change, varied in variations(robot):
+        law = varied.limbs[0].parameters.wires[0].law
+        varies = "parameters" in change and robot.body.mount != "free"
+        assert (law.a1 != a1) == varies
+        assert (law.a2 != a2) == varies
 
 
 def test_a_walk_from_cold_comes_to_the_gait(checked):

@@ -1,5 +1,6 @@
 """``soft-limb gait`` and ``soft-limb walk`` as a shell sees them."""
 
+import copy
 import json
 from unittest.mock import create_autospec
 
@@ -11,8 +12,10 @@ from calibration.estimate import Estimate
 from calibration.paper_method.mechanics import StiffnessFit
 from calibration.remarks import CalibrationError, Remark
 from limb_systems import CalibrationRecord, LimbParameters, Recording, SegmentParameters
+from planners import PlanningError
 from soft_limb.command import main
 from walking import Gait, GaitVariation, RobotParameters, RobotTwin, gait_planning, walk
+from walking.commands.gaits import replan_gait
 from walking.gait_request import GaitRequest
 from walking.schedules import candidate_schedules
 from walking.strides import fit_strides
@@ -81,6 +84,16 @@ def test_no_gait_is_planned_anew_without_strides_that_tell_of_feet(
         assert said in capsys.readouterr().err
     with pytest.raises(CalibrationError, match="in space alone, not in a plane"):
         fit_strides(checked_crawl, None, 0.0, 2)
+
+
+def test_a_gait_is_planned_anew_with_the_turn_that_was_asked_for(gait_in_space, monkeypatch):
+    """Though simulation makes, and the gait announces, a share of it."""
+    plan_gait = create_autospec(gait_planning.plan_gait, side_effect=PlanningError("none"))
+    monkeypatch.setattr("walking.commands.gaits.plan_gait", plan_gait)
+    gait = copy.deepcopy(gait_in_space)
+    gait.check.made = 0.8
+    assert replan_gait(gait, gait.robot) == (gait, "the gait is kept: none")
+    assert plan_gait.call_args.kwargs["turn"] == pytest.approx(np.deg2rad(-25.0))
 
 
 def made_up_calibration() -> Calibration:

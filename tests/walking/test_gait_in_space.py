@@ -13,6 +13,7 @@ from limb_systems import HystereticLaw, LimbError, LimbModel, Recording
 from limb_systems.files.output import OutputError
 from limb_systems.limb_parameters import CalibrationRecord
 from planners import PlanningError
+from planners.transcription.ipopt import bounds_of_variables
 from soft_limb.command import main
 from walking import (
     Gait,
@@ -21,12 +22,13 @@ from walking import (
     RobotParameters,
     Wayfinder,
     add_robot,
+    gait_planning,
     plan_gait,
 )
-from walking.gait import rotate_to_heading
+from walking.gait import STRIDE_TOLERANCE_IN_SPACE, rotate_to_heading
 from walking.gait_check import simulate_gait
 from walking.gait_planning import _solve_with_gradual_turns
-from walking.gait_program import GaitProgram
+from walking.gait_program import MIN_STANCE_STIFFNESS, GaitProgram
 from walking.gait_set import load_gaits, save_gaits
 from walking.robot import set_positions
 from walking.schedules import candidate_schedules, format_schedule, parse_schedule
@@ -103,8 +105,9 @@ def test_a_gait_turns_with_its_contact_forces_and_feet(gaits):
         "spot",
     ],
 )
-def test_three_limbs_walk_as_planned_in_drake(gaits, name):
+def test_three_limbs_walk_as_planned_with_contact(gaits, name):
     gait = gaits[name]
+    assert gait.check.tolerance == STRIDE_TOLERANCE_IN_SPACE
     made = simulate_gait(gait, "", THREE, 1)
     assert not made.fall
     assert made.strides == pytest.approx([1.0], abs=0.05)
@@ -114,6 +117,20 @@ def test_three_limbs_walk_as_planned_in_drake(gaits, name):
 def test_a_gait_along_an_arc_begins_with_the_heat_of_the_one_ahead(gaits):
     first, then = (gaits[name].wire_temperature[:, 0] for name in ("ahead", "left"))
     np.testing.assert_allclose(then, first, atol=1e-9)
+
+
+def test_a_gait_begins_as_warm_as_another_one_up_to_its_margin(gaits):
+    ahead = gaits["ahead"]
+    warmth = ahead.wire_temperature[:, 0]
+    warmest = (warmth.min() + warmth.max()) / 2
+    margin = THREE.as_single_limb.temperature_limits.maximum - warmest
+    program = GaitProgram(
+        THREE, ahead.schedule, ahead.intervals, temperature_margin=margin, begins_as=ahead
+    )
+    for each in (program, gait_planning._with_robot(program, THREE)):
+        first = each.heat[0, : len(warmth)]
+        for bounds in bounds_of_variables(each.prog):
+            np.testing.assert_allclose(bounds[first], np.minimum(warmth, warmest))
 
 
 def test_a_gait_of_gradual_paths_has_the_heat_of_the_true_ones(gaits, monkeypatch):
@@ -135,6 +152,28 @@ def test_a_gait_of_gradual_paths_has_the_heat_of_the_true_ones(gaits, monkeypatc
     assert np.abs(gait.wire_temperature[:, -1] - gait.wire_temperature[:, 0]).max() < 4.0
 
 
+@dataclasses.dataclass
+class AlreadySmoothLaw(HystereticLaw):
+    """A law of one's own, with memory, that is planned with as it is."""
+
+    def smoothed(self):
+        return self
+
+
+@pytest.mark.parametrize("law", [HystereticLaw, AlreadySmoothLaw])
+def test_gradual_paths_are_planned_with_where_a_law_has_them(monkeypatch, law):
+    monkeypatch.setattr(gait_planning, "_solve_with_gradual_turns", lambda *_: "gradual")
+    robot = copy.deepcopy(THREE)
+    for wire in robot.as_single_limb.wires:
+        wire.law = law()
+    program = GaitProgram(robot, candidate_schedules(robot)[0], [2] * 6)
+    if law is HystereticLaw:
+        assert gait_planning._solve(program) == "gradual"
+    else:
+        with pytest.raises(PlanningError, match="IPOPT"):  # there is no time for it
+            gait_planning._solve(program, max_time=1e-3)
+
+
 def test_feet_of_calibrated_robots_carry_more_and_stand_apart(gaits):
     """A sixth of the weight, so that a robot that leans to a side does not tip over."""
     robot = copy.deepcopy(THREE)
@@ -151,8 +190,9 @@ def test_feet_of_calibrated_robots_carry_more_and_stand_apart(gaits):
     num_loads = len(least) // 2
     assert least == pytest.approx([0.05] * num_loads + [0.16] * num_loads)
     assert num_loads == 12 * len(THREE.limbs)
-    # The stiffness of the feet against roll and pitch is at least this, by the moments of places.
-    stance = program._stance_block()
+    # The stiffness of the feet against roll and pitch is bounded, by the moments of places.
+    stance = program.blocks[-1]
+    assert (stance.lower == MIN_STANCE_STIFFNESS).all()
     x = np.zeros(program.prog.num_vars())
     x[program.y] = program.walker.rest
     places = program.walker.feet(program.walker.rest)[:, :2]

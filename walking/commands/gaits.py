@@ -463,7 +463,7 @@ def replan_gait(gait: Gait, robot: RobotParameters) -> tuple[Gait, str]:
             schedule=gait.schedule,
             objective=objective,
             temperature_margin=max(0.0, margin),
-            turn=gait.turn,
+            turn=gait.turn / gait.check.made,  # as asked for, not as simulated
             stride=0.0 if gait.on_the_spot else None,
             sticking_share=gait.check.sticking_share,
             intervals=sum(gait.intervals),
