@@ -648,6 +648,31 @@ def test_a_mapping_says_what_no_log_does(tmp_path, truth, cases):
     )
 
 
+def test_files_with_the_time_of_day_in_several_zones_have_one_clock(tmp_path, truth):
+    """A logger in local time, past midnight, and a camera in UTC that began 7.3 s later."""
+    start = datetime.datetime(2026, 3, 3, 23, 58, 3)
+
+    def clock(seconds, ahead, zone):
+        times = [start + datetime.timedelta(hours=ahead, seconds=round(t, 3)) for t in seconds]
+        return [f"{time:%Y-%m-%dT%H:%M:%S.%f}{zone}" for time in times]
+
+    counts = np.round(255 * truth.duty)
+    local = clock(truth.time, 0.0, "+05:30")
+    path = write(tmp_path / "log.csv", NAMES[:-1], [local, *counts, *truth.temperature])
+    seen = np.arange(0.0, 200.0, 1 / 30) + 7.3
+    shown = np.rad2deg(np.interp(seen, truth.time, truth.bend))
+    write(tmp_path / "cam.csv", ["utc", "phi"], [clock(seen, -5.5, "Z"), shown])
+    (tmp_path / "m.yaml").write_text(
+        f"time: {{column: {NAMES[0]}, unit: date}}\nfull: 255\nwires:\n"
+        f"- {{name: left, duty: {NAMES[1]}, temperature: {NAMES[3]}}}\n"
+        f"- {{name: right, duty: {NAMES[2]}, temperature: {NAMES[4]}}}\n"
+        "bend: {column: phi}\njoin: {file: cam.csv, time: {column: utc, unit: date}}\n"
+    )
+    recording = Recording.from_log(path, tmp_path / "m.yaml")
+    expected = np.interp(recording.time + 7.3, truth.time, truth.bend)
+    assert np.rad2deg(np.nanmedian(np.abs(recording.bend_angle[0] - expected))) < 0.5
+
+
 def test_questions_are_answered_at_a_terminal(tmp_path, cases, capsys, monkeypatch):
     """The mapping keeps the answers."""
     names, columns = cases["frames"]
