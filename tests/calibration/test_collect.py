@@ -17,6 +17,7 @@ from calibration import (
     EquilibriumSchedule,
     LimitedDuty,
     collect_equilibria,
+    collect_excitation,
     collect_from_robot,
     collect_from_twin,
     collect_sag,
@@ -172,6 +173,7 @@ def test_a_wire_without_a_reading_gets_no_duty():
         (collect_sag, "the board is silent"),
         (lambda limb: collect_equilibria(limb, "middle"), "middle"),
         (lambda limb: collect_equilibria(limb, "left", num_angles=0), "num_angles is 0"),
+        (lambda limb: collect_excitation(limb, excitations(2)[0], limb.parameters), "calibrated"),
     ],
 )
 def test_a_robot_is_closed_if_its_recording_fails(collect, message):
