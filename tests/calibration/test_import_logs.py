@@ -13,6 +13,7 @@ from logged_limb import OwnLimb
 
 from calibration.import_logs import log_signals as reading
 from calibration.import_logs import table
+from calibration.import_logs.evidence import clear_pairs
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.points import is_clamped_at_first_point, link_directions
@@ -347,6 +348,20 @@ def test_points_that_trackers_have_lost_have_no_direction():
     expected = np.rad2deg(np.arctan2(50.0 - tip[1, seen], 50.0))
     np.testing.assert_allclose(directions[seen], expected)
     assert np.isnan(np.delete(directions, seen)).all()
+
+
+@pytest.mark.parametrize(
+    ("gains", "errors", "expected"),
+    [
+        ([[10.0, 1.0], [1.0, 10.0]], 1.0, [0, 1]),
+        ([[10.0, 1.0], [1.0, 10.0]], 2.0, [None, None]),  # larger by 2.4 standard errors
+        ([[10.0, 8.0], [8.0, 10.0]], 0.1, [None, None]),  # larger by less than the factor
+        ([[10.0, 0.0]], [[1.0, np.inf]], [0, None]),  # a wire without heat
+    ],
+)
+def test_a_wire_has_a_thermocouple_that_it_clearly_warms_more_than_others(gains, errors, expected):
+    gains = np.array(gains)
+    assert clear_pairs(gains, np.broadcast_to(errors, gains.shape)) == expected
 
 
 def test_links_of_an_even_bend_turn_less_if_the_first_point_is_before_the_base():
