@@ -254,6 +254,16 @@ def test_gaps_of_unknown_duty_cut_a_log_and_others_do_not(tmp_path, truth):
         assert Recording.from_log(path).time[-1] == pytest.approx(160, abs=0.2)
 
 
+def test_one_wire_of_a_limb_of_two(tmp_path):
+    one = Truth(wires=(1,))
+    columns = [one.time, one.duty[1], one.temperature[1], np.rad2deg(one.bend)]
+    path = write(tmp_path / "log.csv", ["t", "heater", "temperature", "angle"], columns)
+    limb, (recording,), _ = read(path)
+    assert recording.parameters.wire_names == ["right"]
+    two = Recording.from_log(path, limb.mapping, LimbParameters())
+    assert np.isnan(two.measured_temperature[0]).all()
+
+
 def rows(names, form):
     return "\n".join([names, *(form.format(i, i % 2, i % 7) for i in range(50))]).encode()
 
@@ -424,6 +434,10 @@ def cases(truth):
             "time_s wire_left wire_right T1 T2 angle_deg",
             [base[0], counts[0] + np.arange(len(truth.time)) % 2, *base[2:]],
         ),
+        "warmed by the other wire": (
+            "time_s pwm_left T_right_C bend_deg",
+            [*base[:2], 0.5 * (22.0 + temperatures[0]), degrees],
+        ),
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
         "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
@@ -465,8 +479,10 @@ def cases(truth):
         "clamp": (marked.replace("m1_x", "m0_x m0_y m1_x"), [*base[:5], *points]),
         "base": (marked, [*base[:5], *points[2:]]),
         "noise": with_(5, "bend_deg", 20 * noise[0]),
+        "pressure": with_(5, "sensor/kPa", 0.1 * degrees),
         "gyro": with_(5, "gyro_deg_s", degrees),
         "tip": with_(5, "tip", 0.01 * degrees),
+        "current": with_(2, "Current", 2.0 * counts[1]),
         "milliseconds": with_(0, "time_s", 1000.0 * truth.time),
         "named °C": (names, [*base[:3], *(1.8 * temperatures + 32), base[5]]),
         "named °F": with_(3, "temp_left_f", temperatures[0]),
@@ -498,6 +514,7 @@ def cases(truth):
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
+        ("warmed by the other wire", "T_right_C is a temperature of no wire"),
         (
             "controlled things",
             r"^no column seems to be the duty of the left wire.*duty of the right wire.*"
@@ -508,8 +525,10 @@ def cases(truth):
         ("frames", "the frames in frame"),
         ("clamp", "which point is the limb's base"),
         ("noise", "the sign of bend_deg"),
+        ("pressure", "no column seems to be the bend"),
         ("gyro", "no column seems to be the bend"),
         ("tip", "how many degrees is a unit of tip"),
+        ("current", "Current is a current, but may be the heat of a wire"),
         ("milliseconds", "unit of time_s. Its rows are too far apart"),
         ("named °F", "unit of temp_left_f: C, F or K"),
         ("named °C", "unit of T_left_C: C, F or K.*unit of T_right_C"),
