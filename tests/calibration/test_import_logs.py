@@ -441,6 +441,7 @@ def cases(truth):
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
         "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
+        "inverted, to 0": (names, [base[0], *np.round(255 - 510 * truth.duty), *base[3:]]),
         "inverted, T1 and T2": (numbers_of_sensors, [base[0], *(255 - counts), *base[3:]]),
         "swapped": ("time_s pwm_left pwm_right T_right_C T_left_C bend_deg", base),
         "relay": (names.replace("pwm_right", "relay_2"), [*base[:2], relay, *base[3:]]),
@@ -510,6 +511,7 @@ def cases(truth):
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
         ("inverted", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),  # no thermocouple
+        ("inverted, to 0", "pwm_left and pwm_right: the duty looks inverted"),
         ("inverted, T1 and T2", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
@@ -622,7 +624,8 @@ def test_lines_of_terminals_sketches_and_labview(tmp_path, truth, form, head):
     ]
     path = tmp_path / "log.txt"
     path.write_text("\n".join([*filter(None, [head]), *lines, ""]))
-    _, (recording,), _ = read(path)
+    limb, (recording,), _ = read(path)
+    assert not limb.mapping.time.column[0].isdigit()  # it is no time of the head
     check(recording, truth)
 
 
