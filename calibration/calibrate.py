@@ -475,7 +475,10 @@ def _fit_if_possible(
     by_kind: dict[str, list[Recording]],
     left_out: list[Remark],
 ) -> Fit | None:
-    """Return a fit to recordings of a kind; leave out those that fail together with others."""
+    """Return a fit to the recordings of a kind; None if there is none that can be fitted.
+
+    Leave out each recording that cannot be fitted together with the recordings before it.
+    """
     recordings = by_kind.get(kind, [])
     with contextlib.suppress(LimbError):
         return fit(recordings)

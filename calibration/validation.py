@@ -165,9 +165,8 @@ def _warm_starts(
                 warmth[index] += np.polyfit(recording.time[is_used], readings, 1)[0] / rate
     # Silicone may be cold or as warm as its wire.
     settled = wires.rested_states(warmth)
-    num_law_states = sum(len(wire.law.states) for wire in parameters.wires)
-    is_silicone = wires.settles & warm.any()
-    is_silicone[: wires.num_wires] = is_silicone[num_law_states:] = False
+    is_silicone = wires.settles & warm.any()  # and no memory
+    is_silicone[: wires.num_wires] = False
     return np.where(is_silicone, wires.cold_states, settled), settled
 
 

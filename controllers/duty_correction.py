@@ -238,7 +238,10 @@ class DutyCorrection:
     def _change_wires_in_turn(
         self, start: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the heat (L + 1, ..., H) under changed duty, and its `bend_changes`."""
+        """Return the heat (L + 1, ..., H) under the duty ``after``, and the `bend_changes`.
+
+        Arguments are as for `bend_changes`.
+        """
         W = before.shape[1]
         before = np.broadcast_to(before.reshape(-1, *[1] * (after.ndim - 2), W), after.shape)
         # Simulate W + 2 duties at once: each wire alone changed (W), none, and all.

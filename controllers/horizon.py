@@ -246,7 +246,14 @@ class HorizonProgram(QuasiStaticProgram):
     def set_target(
         self, target: np.ndarray, heat: np.ndarray, warm_up_time: float, warmest: np.ndarray
     ) -> None:
-        """Set bends (K + 1, F), rad, first heat (H,), k_warm, s, and T beyond which it costs."""
+        """Set what changes from plan to plan.
+
+        Args:
+            target: desired bend of the model at the knots (K + 1, F), rad.
+            heat: [x, V] at the first knot (H,).
+            warm_up_time: k_warm, s from the first knot.
+            warmest: temperatures beyond which heat costs, at the knots but the first (K, W), °C.
+        """
         self.update(target.T, heat, warm_up_time)
         self._max_temperatures.evaluator().UpdateUpperBound(warmest.ravel())
 

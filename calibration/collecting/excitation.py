@@ -85,7 +85,7 @@ def mountings(num_wires: int) -> list[Excitation]:
 
 
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
-    """Return all of them in their order; with two wires 13 minutes, and 6 of rest between them.
+    """Return the excitations in their order; with two wires 13 minutes, and 6 of rest in between.
 
     Args:
         num_wires: W.
@@ -93,7 +93,7 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
     """
     random = np.random.default_rng(seed)
     unit_levels = np.eye(num_wires)
-    # the right one first
+    # The last wire comes first, the right one of two.
     wires = range(num_wires - 1, -1, -1)
     off = np.zeros(num_wires)
 

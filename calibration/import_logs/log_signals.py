@@ -207,7 +207,9 @@ class _Signals:
                 starts.append(int(np.searchsorted(self.times, last_time)))
             starts.append(end)
         if len(starts) > len(cut) + 2:
-            self.remarks.append(f"Cut so that no part has more than {MAX_SAMPLES} samples.")
+            self.remarks.append(
+                f"The log is cut so that no part has more than {MAX_SAMPLES} samples."
+            )
         return starts
 
     def _resampled(self, rows: slice, limb: LimbParameters) -> Recording:

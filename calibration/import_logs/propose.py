@@ -272,7 +272,11 @@ class Columns:
     def _cools(self, duty: Column) -> bool:
         """Return whether the thermocouple of a duty's own name clearly cools with its heat."""
         named = self.temperatures.labelled(duty.name.label)
-        return len(named) == 1 and named[0].votes(duty.heat()[None])[0] < -MIN_VOTE
+        if len(named) != 1:
+            return False
+        gains, errors = self.steps.response(self.heats, named[0].means)
+        index = self.duties.index(duty)
+        return bool(gains[index] < -MIN_VOTE * errors[index])
 
     # Thermocouples.
 

@@ -33,7 +33,7 @@ _SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, 
 _TIME = re.compile(
     r"(?:\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?P<hours>\d+):(?P<minutes>\d\d?):"
     r"(?P<seconds>\d\d)(?:[.:](?P<fraction>\d+))?\s*(?P<half>[AaPp][Mm])?\s*"
-    r"(?:Z|[-+]\d\d:?\d\d)?"
+    r"(?:Z|(?P<sign>[-+])(?P<zone_hours>\d\d):?(?P<zone_minutes>\d\d))?"
 )
 _CLOCK = r"\d\d?:\d\d:\d\d(?:[.,]\d+)?(?:\s*[AaPp][Mm])?"
 _DATED = rf"(?:\d{{4}}-\d\d-\d\d[ T]|\d\d?[./]\d\d?[./]\d{{4}} )?{_CLOCK}"
@@ -356,9 +356,10 @@ def number(text: str, decimal_mark: str = ".") -> float:
 
 
 def time_of_day(text: str) -> float:
-    """Return the time since midnight in a cell with or without a date, s; nan if it has none.
+    """Return the time since midnight in a cell, s; nan if it has none.
 
-    The date and the time zone say nothing more: no recording goes on over a gap of hours.
+    The midnight is of UTC if the cell has a time zone, as files that are joined may differ in it.
+    The date says nothing more: no recording goes on over a gap of hours.
     """
     match = _TIME.fullmatch(text.strip().replace(",", "."))
     if not match:
@@ -367,8 +368,12 @@ def time_of_day(text: str) -> float:
     hours = int(part["hours"])
     if part["half"]:
         hours = hours % 12 + 12 * (part["half"][0] in "Pp")
+    minutes = int(part["minutes"])
+    if part["sign"]:
+        hours -= int(part["sign"] + part["zone_hours"])
+        minutes -= int(part["sign"] + part["zone_minutes"])
     seconds = float(f"{part['seconds']}.{part['fraction'] or 0}")
-    return 3600.0 * hours + 60.0 * int(part["minutes"]) + seconds
+    return 3600.0 * hours + 60.0 * minutes + seconds
 
 
 def is_number(cell: str, decimal_mark: str) -> bool:

@@ -379,12 +379,14 @@ def fit_damped_sinusoid(
             signal and above half the sampling rate there is none to be found.
 
     Raises:
-        CalibrationError: if the signal does not oscillate.
+        CalibrationError: if the signal does not oscillate, or if samples or times are missing.
     """
     time = np.asarray(time, float)
     signal = np.asarray(signal, float)
-    if len(time) < MIN_SAMPLES:
-        raise CalibrationError(f"A ring-down needs at least {MIN_SAMPLES} samples.")
+    if time.shape != signal.shape or len(time) < MIN_SAMPLES:
+        raise CalibrationError(
+            f"A ring-down needs at least {MIN_SAMPLES} samples, and a time for each."
+        )
     is_read = ~np.isnan(signal)
     signal = fill_gaps(time, signal)
     if not np.ptp(signal) > 0:

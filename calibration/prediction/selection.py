@@ -165,7 +165,7 @@ class Prediction:
         if nearest.bend_error < self.best.bend_error:
             better, error = error_reduction(nearest, self.best)
             sentences += (
-                f" {nearest.name} is nearer to what judged; in all, its errors are "
+                f" {nearest.name} is nearer to what judged; with what was fitted, its errors are "
                 f"{'smaller' if better > 0 else 'larger'} by {abs(better):.2f} ± {error:.2f} "
                 "(1° and 3 °C count as 1)."
             )

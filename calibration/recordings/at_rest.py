@@ -138,11 +138,16 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
 
 
 def _lowest_room(readings: dict[str, list[ColdReading]], field: str, described: float) -> float:
-    """Return the lowest reading, °C, of thermocouples that move and are not far below others."""
+    """Return the lowest reading, °C, of thermocouples that move and are not far below others.
+
+    Raises:
+        CalibrationError: if no thermocouple moves.
+    """
     lows = []
     for of_wire in readings.values():
         of_moving = [getattr(reading, field) for reading in of_wire if reading.moves]
-        lows += sorted(of_moving)[:1]
+        if of_moving:
+            lows.append(min(of_moving))
     if not lows:
         raise CalibrationError(
             "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "

@@ -17,6 +17,7 @@ from calibration import (
     EquilibriumSchedule,
     LimitedDuty,
     collect_equilibria,
+    collect_excitation,
     collect_from_robot,
     collect_from_twin,
     collect_sag,
@@ -172,6 +173,7 @@ def test_a_wire_without_a_reading_gets_no_duty():
         (collect_sag, "the board is silent"),
         (lambda limb: collect_equilibria(limb, "middle"), "middle"),
         (lambda limb: collect_equilibria(limb, "left", num_angles=0), "num_angles is 0"),
+        (lambda limb: collect_excitation(limb, excitations(2)[0], limb.parameters), "calibrated"),
     ],
 )
 def test_a_robot_is_closed_if_its_recording_fails(collect, message):
@@ -194,8 +196,11 @@ def test_an_option_that_is_misspelt_is_refused():
         collect_from_twin(LimbTwin(), num_angels=3)
 
 
-def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, bool]:
+def first_change(
+    measured_slope: float, angle_error_deg: float, missed_share: float = 0.0
+) -> tuple[float, bool]:
     """When a schedule of two angles goes on, s, with V that ramps; whether it ends by then."""
+    random = np.random.default_rng(0)
     schedule = EquilibriumSchedule([0.1, 0.2], 60.0)
     context = schedule.CreateDefaultContext()
     bend = schedule.GetInputPort("bend_angle").FixValue(context, [0.0])
@@ -204,16 +209,20 @@ def first_change(measured_slope: float, angle_error_deg: float) -> tuple[float, 
     for time in times:
         set_points.append(schedule.get_output_port().Eval(context)[0])
         bend.GetMutableData().set_value([set_points[-1] + np.deg2rad(angle_error_deg)])
-        measured.GetMutableData().set_value([25.0, 25.0 + measured_slope * time])
+        ramp = 25.0 + measured_slope * time
+        is_missed = random.uniform() < missed_share
+        measured.GetMutableData().set_value([25.0, np.nan if is_missed else ramp])
         simulator.AdvanceTo(time)
     return times[np.argmax(np.array(set_points) != 0.1)], schedule.is_finished(context)
 
 
 def test_schedule_goes_on_when_settled_and_not_before():
-    time, finished = first_change(0.0, 0.0)
-    assert 5.0 <= time < 15.0
-    assert finished
+    for missed_share in (0.0, 0.2):
+        time, finished = first_change(0.0, 0.0, missed_share)
+        assert 5.0 <= time < 15.0
+        assert finished
     assert first_change(0.3, 0.0)[0] == pytest.approx(60.0, abs=0.2)  # temperature moves
+    assert first_change(0.3, 0.0, 0.2)[0] == pytest.approx(60.0, abs=0.2)
     assert first_change(0.0, 8.0)[0] == pytest.approx(60.0, abs=0.2)  # too far from the set point
 
 

@@ -13,6 +13,7 @@ from logged_limb import OwnLimb
 
 from calibration.import_logs import log_signals as reading
 from calibration.import_logs import table
+from calibration.import_logs.evidence import clear_pairs
 from calibration.import_logs.importing import import_logs
 from calibration.import_logs.mapping import LogMapping
 from calibration.import_logs.points import is_clamped_at_first_point, link_directions
@@ -253,6 +254,16 @@ def test_gaps_of_unknown_duty_cut_a_log_and_others_do_not(tmp_path, truth):
         assert Recording.from_log(path).time[-1] == pytest.approx(160, abs=0.2)
 
 
+def test_one_wire_of_a_limb_of_two(tmp_path):
+    one = Truth(wires=(1,))
+    columns = [one.time, one.duty[1], one.temperature[1], np.rad2deg(one.bend)]
+    path = write(tmp_path / "log.csv", ["t", "heater", "temperature", "angle"], columns)
+    limb, (recording,), _ = read(path)
+    assert recording.parameters.wire_names == ["right"]
+    two = Recording.from_log(path, limb.mapping, LimbParameters())
+    assert np.isnan(two.measured_temperature[0]).all()
+
+
 def rows(names, form):
     return "\n".join([names, *(form.format(i, i % 2, i % 7) for i in range(50))]).encode()
 
@@ -349,6 +360,20 @@ def test_points_that_trackers_have_lost_have_no_direction():
     assert np.isnan(np.delete(directions, seen)).all()
 
 
+@pytest.mark.parametrize(
+    ("gains", "errors", "expected"),
+    [
+        ([[10.0, 1.0], [1.0, 10.0]], 1.0, [0, 1]),
+        ([[10.0, 1.0], [1.0, 10.0]], 2.0, [None, None]),  # larger by 2.4 standard errors
+        ([[10.0, 8.0], [8.0, 10.0]], 0.1, [None, None]),  # larger by less than the factor
+        ([[10.0, 0.0]], [[1.0, np.inf]], [0, None]),  # a wire without heat
+    ],
+)
+def test_a_wire_has_a_thermocouple_that_it_clearly_warms_more_than_others(gains, errors, expected):
+    gains = np.array(gains)
+    assert clear_pairs(gains, np.broadcast_to(errors, gains.shape)) == expected
+
+
 def test_links_of_an_even_bend_turn_less_if_the_first_point_is_before_the_base():
     curvature = np.linspace(0.1, 0.9, 9)
     length = np.array([[0.0], [0.5], [1.0]])
@@ -409,9 +434,14 @@ def cases(truth):
             "time_s wire_left wire_right T1 T2 angle_deg",
             [base[0], counts[0] + np.arange(len(truth.time)) % 2, *base[2:]],
         ),
+        "warmed by the other wire": (
+            "time_s pwm_left T_right_C bend_deg",
+            [*base[:2], 0.5 * (22.0 + temperatures[0]), degrees],
+        ),
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
         "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
+        "inverted, to 0": (names, [base[0], *np.round(255 - 510 * truth.duty), *base[3:]]),
         "inverted, T1 and T2": (numbers_of_sensors, [base[0], *(255 - counts), *base[3:]]),
         "swapped": ("time_s pwm_left pwm_right T_right_C T_left_C bend_deg", base),
         "relay": (names.replace("pwm_right", "relay_2"), [*base[:2], relay, *base[3:]]),
@@ -450,8 +480,10 @@ def cases(truth):
         "clamp": (marked.replace("m1_x", "m0_x m0_y m1_x"), [*base[:5], *points]),
         "base": (marked, [*base[:5], *points[2:]]),
         "noise": with_(5, "bend_deg", 20 * noise[0]),
+        "pressure": with_(5, "sensor/kPa", 0.1 * degrees),
         "gyro": with_(5, "gyro_deg_s", degrees),
         "tip": with_(5, "tip", 0.01 * degrees),
+        "current": with_(2, "Current", 2.0 * counts[1]),
         "milliseconds": with_(0, "time_s", 1000.0 * truth.time),
         "named °C": (names, [*base[:3], *(1.8 * temperatures + 32), base[5]]),
         "named °F": with_(3, "temp_left_f", temperatures[0]),
@@ -479,10 +511,12 @@ def cases(truth):
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
         ("inverted", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),  # no thermocouple
+        ("inverted, to 0", "pwm_left and pwm_right: the duty looks inverted"),
         ("inverted, T1 and T2", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
         ("relay", "relay_2 may be the heat of a wire"),
         ("dropped", "T_right_C is a temperature of no wire"),
+        ("warmed by the other wire", "T_right_C is a temperature of no wire"),
         (
             "controlled things",
             r"^no column seems to be the duty of the left wire.*duty of the right wire.*"
@@ -493,8 +527,10 @@ def cases(truth):
         ("frames", "the frames in frame"),
         ("clamp", "which point is the limb's base"),
         ("noise", "the sign of bend_deg"),
+        ("pressure", "no column seems to be the bend"),
         ("gyro", "no column seems to be the bend"),
         ("tip", "how many degrees is a unit of tip"),
+        ("current", "Current is a current, but may be the heat of a wire"),
         ("milliseconds", "unit of time_s. Its rows are too far apart"),
         ("named °F", "unit of temp_left_f: C, F or K"),
         ("named °C", "unit of T_left_C: C, F or K.*unit of T_right_C"),
@@ -588,7 +624,8 @@ def test_lines_of_terminals_sketches_and_labview(tmp_path, truth, form, head):
     ]
     path = tmp_path / "log.txt"
     path.write_text("\n".join([*filter(None, [head]), *lines, ""]))
-    _, (recording,), _ = read(path)
+    limb, (recording,), _ = read(path)
+    assert not limb.mapping.time.column[0].isdigit()  # it is no time of the head
     check(recording, truth)
 
 
@@ -646,6 +683,31 @@ def test_a_mapping_says_what_no_log_does(tmp_path, truth, cases):
     assert np.abs(recording.bend_angle[1]).max() == pytest.approx(
         np.abs(truth.bend).max(), rel=0.01
     )
+
+
+def test_files_with_the_time_of_day_in_several_zones_have_one_clock(tmp_path, truth):
+    """A logger in local time, past midnight, and a camera in UTC that began 7.3 s later."""
+    start = datetime.datetime(2026, 3, 3, 23, 58, 3)
+
+    def clock(seconds, ahead, zone):
+        times = [start + datetime.timedelta(hours=ahead, seconds=round(t, 3)) for t in seconds]
+        return [f"{time:%Y-%m-%dT%H:%M:%S.%f}{zone}" for time in times]
+
+    counts = np.round(255 * truth.duty)
+    local = clock(truth.time, 0.0, "+05:30")
+    path = write(tmp_path / "log.csv", NAMES[:-1], [local, *counts, *truth.temperature])
+    seen = np.arange(0.0, 200.0, 1 / 30) + 7.3
+    shown = np.rad2deg(np.interp(seen, truth.time, truth.bend))
+    write(tmp_path / "cam.csv", ["utc", "phi"], [clock(seen, -5.5, "Z"), shown])
+    (tmp_path / "m.yaml").write_text(
+        f"time: {{column: {NAMES[0]}, unit: date}}\nfull: 255\nwires:\n"
+        f"- {{name: left, duty: {NAMES[1]}, temperature: {NAMES[3]}}}\n"
+        f"- {{name: right, duty: {NAMES[2]}, temperature: {NAMES[4]}}}\n"
+        "bend: {column: phi}\njoin: {file: cam.csv, time: {column: utc, unit: date}}\n"
+    )
+    recording = Recording.from_log(path, tmp_path / "m.yaml")
+    expected = np.interp(recording.time + 7.3, truth.time, truth.bend)
+    assert np.rad2deg(np.nanmedian(np.abs(recording.bend_angle[0] - expected))) < 0.5
 
 
 def test_questions_are_answered_at_a_terminal(tmp_path, cases, capsys, monkeypatch):

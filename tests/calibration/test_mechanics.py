@@ -365,6 +365,8 @@ def test_what_is_too_little_or_makes_no_sense_is_refused():
         fit_damping(limb, [])
     with pytest.raises(CalibrationError, match="needs at least 20 samples"):
         fit_damped_sinusoid(time[:10], time[:10])
+    with pytest.raises(CalibrationError, match="and a time for each"):
+        fit_damped_sinusoid(time, time[:-1])
     with pytest.raises(CalibrationError, match=r"moves fastest at 0\.9\d s, at its end"):
         fit_damped_sinusoid(time, np.where(time > 0.955, 1.0, 0.0))
 

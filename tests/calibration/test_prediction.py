@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import types
 from unittest import mock
 
 import casadi as ca
@@ -18,6 +19,7 @@ from calibration.prediction.residual_noise import ResidualNoise
 from calibration.prediction.selection import (
     Prediction,
     compare_laws,
+    error_reduction,
     fit_by_prediction,
     is_beaten,
     simplest_unbeaten_law,
@@ -219,6 +221,25 @@ def test_residuals_are_whitened_by_their_covariance():
         expected = np.linalg.solve(np.linalg.cholesky(covariance), residuals[present])
         np.testing.assert_allclose(whitened[present], expected, atol=1e-12)
     assert not whitened[~np.isfinite(variance)].any()
+
+
+def test_errors_of_laws_differ_by_a_mean_over_blocks_with_its_standard_error():
+    """In degrees: 1, 2 and 3 in three blocks of the judges, and 2 in both blocks of the fit."""
+
+    def of_errors(errors_deg):
+        times = np.arange(0.0, 10.0 * len(errors_deg))
+        readings = np.full((len(times), 2), 25.0)
+        bend = np.deg2rad(np.repeat(errors_deg, 10))[:, None]
+        run = types.SimpleNamespace(times=times, bend=np.zeros_like(bend), temperature=readings)
+        return [types.SimpleNamespace(run=run, bend=bend, temperature=readings)]
+
+    simple, better = (
+        types.SimpleNamespace(
+            judged=of_errors(judged), fit=types.SimpleNamespace(predicted=of_errors(fitted))
+        )
+        for judged, fitted in (([1.0, 2.0, 3.0], [2.0, 2.0]), ([0.0, 0.0, 0.0], [0.0, 0.0]))
+    )
+    assert error_reduction(better, simple) == pytest.approx((2.0, np.sqrt(1.0 / 3.0) / 2.0))
 
 
 def test_the_lag_of_each_wire_has_the_delay_that_fits():

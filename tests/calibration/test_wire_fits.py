@@ -10,6 +10,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import CalibrationError, Estimate, fit_force, fit_heat_transfer
+from calibration.estimate import clustered_covariance, standard_error
 from calibration.paper_method.wire_fits import simulate_heat
 from calibration.recordings.at_rest import ambient_temperature
 from limb_systems import JouleHeating, ThermocoupleLag
@@ -143,3 +144,11 @@ def test_an_error_of_the_room_adds_what_rates_differ_by_in_another_room(model_re
         expected = abs(moved.value - rate.value)
         assert added == pytest.approx(expected, rel=0.3, abs=3 * rate.standard_error), name
     assert uncertain.a2.standard_error > 3 * exact.a2.standard_error
+
+
+def test_the_error_of_a_mean_of_clusters_is_the_standard_error_of_their_means():
+    """Of five clusters of three equal samples, which count as five values."""
+    values = np.random.default_rng(0).normal(size=5)
+    residuals = np.repeat(values - values.mean(), 3)
+    covariance = clustered_covariance(np.ones((15, 1)), residuals, np.repeat(np.arange(5), 3))
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(standard_error(values))
