@@ -207,8 +207,8 @@ class Columns:
             likely = self.columns.where(lambda c: c in likely or c.name.stem in stems)
             for index, wire_name in enumerate(self.limb.wire_names):
                 self.wires.append(WireColumns(wire_name, UNKNOWN))
-                label = Name(wire_name, self.dictionary).label
-                choices = sorted(likely, key=lambda c, own=label: c.name.label != own)
+                own = likely.labelled(Name(wire_name, self.dictionary).label)
+                choices = [*own, *likely.without(own)]
                 self.ask("no duty", f"wires[{index}].duty", choices, wire=wire_name)
             return
         # Numbers with a sign heat two wires.
