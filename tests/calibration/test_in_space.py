@@ -17,7 +17,12 @@ from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.law_fit import fit_law
 from calibration.recordings.at_rest import rest_angles
 from calibration.recordings.kinds import MOUNTING_ANGLES
-from calibration.wire_directions import WrongDescriptionError, check_directions, wire_directions
+from calibration.wire_directions import (
+    WireDirection,
+    WrongDescriptionError,
+    check_directions,
+    wire_directions,
+)
 from limb_systems import LimbModel, LimbParameters, LinearLaw, Recording, RestMemory
 from limb_systems.monte_carlo import draw_limbs, stack_limbs
 
@@ -240,3 +245,22 @@ def test_a_description_that_recordings_contradict_is_a_question(
     assert np.rad2deg(abs(right.bend_sensor.roll)) < 10.0
     for wire, angle in zip(right.wires, angles, strict=True):
         assert np.rad2deg(abs(np.angle(np.exp(1j * (wire.angle - angle))))) < 15.0
+
+
+@pytest.mark.parametrize("off_deg", [50.0, -50.0])
+def test_wires_are_exchangeable_if_both_lie_between_their_places(off_deg):
+    """Or else not: at 50° and 70°, or at -50° and 170°, of 0° and 120°."""
+    limb = LimbParameters.in_space(wires=3)
+    directions = []
+    for wire, off, error in zip(
+        limb.wires, (off_deg, -off_deg, 0.0), (25.0, 25.0, 5.0), strict=True
+    ):
+        off = np.deg2rad(off)
+        directions.append(
+            WireDirection(wire.name, wire.angle + off, off, np.deg2rad(error), 4.0, 0.9)
+        )
+    if off_deg < 0.0:
+        check_directions(directions, limb)
+        return
+    with pytest.raises(WrongDescriptionError, match="wire_1 and wire_2 may as well be exchanged"):
+        check_directions(directions, limb)
