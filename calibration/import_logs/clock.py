@@ -33,41 +33,45 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     best = TimeColumn()
     best_score = 0.0
     for name in names:
-        says_time = name.role == TIME
+        # Leave out columns of other things.
+        is_clock = name.text in table.times_of_day
+        says_time = is_clock or name.role == TIME
+        if not says_time and (name.role or name.quantity):
+            continue
         candidate = TimeColumn(name.text)
         times = table.numbers(name.text)
         # Seconds and their fraction may be in two columns, as ROS has them.
-        for fraction in names if says_time else ():
+        for fraction in names:
             if _is_fraction(table, fraction, name):
                 candidate.fraction = fraction.text
                 candidate.fraction_unit = fraction.unit
                 times = times + table.numbers(fraction.text) * TIME_UNITS[fraction.unit]
-        # Leave out columns of other things, and columns that go backward.
+        # Leave out columns that go backward, and numbers of rows.
         present = times[~np.isnan(times)]
         steps = np.diff(present) * (-1.0 if is_reversed(present) else 1.0)
-        is_index = bool((steps == 1).all())
-        is_other = bool(name.role or name.quantity) or is_index
-        if len(present) < max(5, 0.5 * len(times)) or (is_other and not says_time):
+        if len(present) < max(5, 0.5 * len(times)) or (steps > 0).sum() < 5:
             continue
-        if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.002 * len(steps) + 1:
+        if (steps < 0).sum() > 0.002 * len(steps) + 1 or ((steps == 1).all() and not name.unit):
             continue
         # Find its unit, and when it begins anew.
-        if name.text in table.times_of_day:
+        if is_clock:
             candidate.unit = TIME_OF_DAY
         elif not candidate.fraction:
             candidate.unit = _time_unit(name, present)
+        if table.has_names and not says_time:
+            candidate.unit = UNKNOWN
         for period in WRAP_PERIODS:
             if abs(steps.min() * TIME_UNITS.get(candidate.unit, 1.0) + period) < 0.01 * period:
                 candidate.wraps_after = period
-        # Names are better than numbers, and times better than an index.
-        score = 2.0 * says_time + (steps > 0).mean() - 1.5 * is_index
-        score += 0.5 * bool(candidate.fraction) - (candidate.unit == UNKNOWN)
+        # Fine clocks are better than coarse ones.
+        score = (steps > 0).mean() + 0.5 * bool(candidate.fraction)
+        score -= 0.9 * (candidate.unit == UNKNOWN)
         if candidate.unit and score > best_score:
             best_score = score
             best = candidate
-    # Without a clock, frames come at a rate.
+    # Without a clock, frames or numbers of rows come at a rate.
     for name in names:
-        is_frame = name.role == FRAME and (np.diff(table.numbers(name.text)) > 0).all()
+        is_frame = name.role in (FRAME, TIME) and (np.diff(table.numbers(name.text)) > 0).all()
         if is_frame and not best.column:
             best = TimeColumn(name.text, FRAMES)
     return best
@@ -152,6 +156,14 @@ def is_reversed(times: np.ndarray) -> bool:
     """Return whether the newest row comes first."""
     steps = np.diff(times[~np.isnan(times)])
     return bool((steps < 0).sum() > 0.9 * max(1, int((steps != 0).sum())))
+
+
+def alternates(values: np.ndarray, times: np.ndarray) -> bool:
+    """Return whether each time has several rows (K,), whose values are of several signals."""
+    num_rows = round(len(times) / (1 + np.count_nonzero(np.diff(times))))
+    change = np.nansum(np.abs(np.diff(values)))
+    own_change = np.nansum(np.abs(values[num_rows:] - values[:-num_rows]))
+    return num_rows > 1 and bool(own_change < 0.5 * change)
 
 
 def usual_rate(times: np.ndarray) -> float:

@@ -132,11 +132,12 @@ def _share(limbs: list[Proposal]) -> None:
         answered: list[LogMapping] = []
         for similar in limbs:
             if (similar.name, similar.columns) == (limb.name, limb.columns):
-                zeros_deg.append(similar.mapping.bend.zero)
+                if similar.mapping.bend.zero is not None:
+                    zeros_deg.append(similar.mapping.bend.zero)
                 if similar.is_heated and not similar.questions:
                     answered.append(similar.mapping)
         # The base points to one direction in all of them.
-        if limb.mapping.bend.line:
+        if limb.mapping.bend.line and zeros_deg:
             limb.mapping.bend.zero = float(np.median(zeros_deg))
         # Replace a mapping with questions, but keep its time and its form.
         has_contradiction = any(question.is_contradiction for question in limb.questions)

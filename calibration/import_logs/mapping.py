@@ -61,7 +61,7 @@ class BendColumns(Strict):
     e3: str = rare("")
     line: list[str] = dataclasses.field(default_factory=list)
     base_line: list[str] = dataclasses.field(default_factory=list)
-    zero: float = quantity(0.0, "", -1e12, 1e12)
+    zero: float | None = quantity(0.0, "", -1e12, 1e12)
     zero_e3: float = quantity(0.0, "", -1e12, 1e12, rare=True)
     scale: float = quantity(1.0, "", -1e6, 1e6)
     scale_e3: float = quantity(0.0, "", -1e6, 1e6, rare=True)
@@ -152,7 +152,7 @@ class LogMapping(Strict):
     def open_fields(self) -> list[str]:
         """The fields that the mapping leaves open, such as "wires[0].duty"."""
         bend_columns = "bend.line" if self.bend.line else "bend.column"
-        # Zero stands for numbers that are not known.
+        # Zero, or None, stands for numbers that are not known.
         is_open = {
             "time.column": self.time.column == UNKNOWN,
             "time.unit": self.time.unit == UNKNOWN,
@@ -160,6 +160,7 @@ class LogMapping(Strict):
             "full": not self.full and any(wire.duty for wire in self.wires),
             bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,
+            "bend.zero": self.bend.zero is None,
             "bend.measures": self.bend.measures == UNKNOWN,
         }
         for index, wire in enumerate(self.wires):

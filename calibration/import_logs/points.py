@@ -28,11 +28,12 @@ def base_direction(coordinates: list[np.ndarray]) -> float:
     """Return the direction of a limb's base, °, by points of which it is the first; 0 if not seen.
 
     A link has the direction of the tangent at its middle, and the base is half a link before the
-    first one, as for constant curvature. ``coordinates`` are x and y (K,) of two or more points.
+    first one, as for constant curvature. Of two points alone, the line is straight in the first
+    rows. ``coordinates`` are x and y (K,) of two or more points.
     """
     links = link_directions(coordinates)
     links = np.unwrap(links[:, ~np.isnan(links).any(axis=0)], axis=0, period=360.0)
-    base = links[0] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
+    base = links[0, :10] if len(links) < 2 else 1.5 * links[0] - 0.5 * links[1]
     return round(float(np.median(base)), 2) if base.size else 0.0
 
 

@@ -17,13 +17,14 @@ from calibration.import_logs.columns import MAX_DUTY, Column, ColumnList, read_c
 from calibration.import_logs.evidence import MIN_VOTE, Steps
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
-from calibration.import_logs.points import base_direction, is_clamped_at_first_point
-from calibration.import_logs.table import LogTable
+from calibration.import_logs.points import base_direction, is_clamped_at_first_point, wrapped
+from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
 from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, MAX_DUTY)
 COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
+SHARE_WORDS = {"duty", "duties", "tastgrad", "tastverhältnis", "stellgrad"}
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
@@ -34,9 +35,10 @@ MAX_HOT = 300.0  # °C, which the hottest readings are below
 MAX_REST_RISE = 4.0  # above the coldest readings, within which a limb is at rest
 LONG_LOG_TIME = 150.0  # s of a log in which all wires become as cold as a room at some time
 MIN_OFFSET = 8.0  # °C between thermocouples that may be an offset
-MAX_REST_BEND = 60.0  # °, to which no limb is bent at rest
+MAX_REST_BEND = 20.0  # °, beyond which a limb at rest may be straight instead
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
+MIN_RADIANS = 0.35  # of which the range of a bend in radians is more, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
@@ -119,7 +121,7 @@ class Columns:
             names.append(Name(text, dictionary, unit, table.names))
         self.time = time or clock.find_time(table, names)
         if self.time.unit == UNKNOWN:
-            self.ask("time unit", "time.unit", ["s", "ms", "us"], column=self.time.column)
+            self.ask("time unit", "time.unit", ["s", "ms", "us", "frames"], column=self.time.column)
         if not self.time.column or self.time.unit == mapping.FRAMES:
             what = f"the frames in {self.time.column}" if self.time.column else "the rows"
             self.ask("rate", "rate", ["10.0"], what=what)
@@ -128,6 +130,14 @@ class Columns:
         self.times, self.rows, _ = clock.times_of(table, known_time, 10.0)
         self.steps = Steps(self.times)
         self.is_long = self.times[-1] - self.times[0] > LONG_LOG_TIME
+        for name in names:
+            values = table.numbers(name.text)
+            is_signal = name.role in (DUTY, TEMPERATURE) and bool(self.time.column)
+            if is_signal and clock.alternates(values, table.numbers(self.time.column)):
+                raise LogError(
+                    f"{name.text} has several rows for each time, such as a row for each wire; "
+                    "give each wire columns of its own in one row, as a pivot table does."
+                )
         is_time = (self.time.column, self.time.fraction).__contains__
         names = [name for name in names if not is_time(name.text)]
         self.columns, self.missing = read_columns(table, names, self.rows, self.steps)
@@ -168,6 +178,8 @@ class Columns:
             notes[wire.temperature] = f"temperature of {whose} ({wire.unit})"
         notes = dict.fromkeys(self.table.names, "not used") | notes
         lines = [f"{column}: {notes[column]}" for column in self.table.names]
+        if any(question.field == "bend.zero" for question in self.questions):
+            bend.zero = None
         is_heated = bool(self.duties.moving)
         return Proposal(
             name, log_mapping, lines + self.notes, self.questions, is_heated, self.table.names
@@ -221,9 +233,9 @@ class Columns:
         wire_of_label = {}
         for wire_name in self.limb.wire_names:
             wire_of_label[Name(wire_name, self.dictionary).label or wire_name] = wire_name
-        is_named = len(set(labels)) == len(labels) and set(labels) <= set(wire_of_label)
+        is_named = len(set(labels)) == len(labels)
         for index, column in enumerate(self.duties):
-            wire_name = wire_of_label[labels[index]] if is_named else UNKNOWN
+            wire_name = wire_of_label.get(labels[index], UNKNOWN) if is_named else UNKNOWN
             self.wires.append(WireColumns(wire_name, column.text, signs[index % len(signs)]))
 
     def _is_followed(self, duty: Column) -> bool:
@@ -241,6 +253,9 @@ class Columns:
         Return 0, and ask a question, if neither names nor numbers of the duties determine it.
         """
         duties = ColumnList(dict.fromkeys(self.duties))
+        if not duties:
+            self.ask("full duty", "full", columns="the duty's columns", tops="not known")
+            return 0.0
         if not duties.moving:
             return 1.0
         # Find all sizes of duty, the largest of each column, and a scale that they fit.
@@ -318,6 +333,8 @@ class Columns:
                 reason = f"Several have the name of {wire.name}"
             elif named and warmed not in (None, named[0]):
                 reason = f"Names say {named[0].text}, but {warmed.text} warms with {wire.duty}"
+            elif named and self.temperatures.index(named[0]) in warmed_rows and not warmed:
+                reason = f"Names say {named[0].text}, but it warms with another wire"
             elif named:
                 row = self.temperatures.index(named[0])
                 gain = warming[row, index]
@@ -336,8 +353,11 @@ class Columns:
             else:
                 open_wires.append(index)
         # Ask about wires that may have one of the thermocouples that are left.
+        others = self._unnamed().having("looks_like_heat", False).having("is_number", True)
         for index in open_wires:
             candidates = unpaired.where(functools.partial(self._may_have, self.wires[index]))
+            if self.wires[index].duty == UNKNOWN and not self.temperatures:
+                candidates = others
             if candidates:
                 self._ask_temperature(index, candidates)
         # Ask about thermocouples without a wire.
@@ -433,11 +453,9 @@ class Columns:
             likely = unnamed.where(lambda column: column.follows(self.heats))
             candidates = likely.having("is_number", True)
             if not candidates:
-                self.ask("no bend", "bend.column", likely)
-                return BendColumns(UNKNOWN, scale=0.0 if likely else 1.0)
+                return self._unknown_bend("no bend", "bend.column", likely)
         if len(candidates) > 1:
-            self.ask("bend", "bend.column", candidates)
-            return BendColumns(UNKNOWN)
+            return self._unknown_bend("bend", "bend.column", candidates)
         return self._bend_column(candidates[0])
 
     def _points(self) -> ColumnList:
@@ -471,8 +489,16 @@ class Columns:
             return BendColumns(line=texts[:2] + tip, zero=zero, scale=-1.0, measures=mapping.CHORD)
         starts = range(0, len(texts) - 2, 2)
         choices = [f"[{', '.join(texts[start : start + 2] + tip)}]" for start in starts]
-        self.ask("base", "bend.line", choices)
-        return BendColumns(line=[UNKNOWN, UNKNOWN, *tip], scale=-1.0, measures=mapping.CHORD)
+        bend = self._unknown_bend("base", "bend.line", choices)
+        return dataclasses.replace(bend, column="", line=[UNKNOWN, UNKNOWN, *tip])
+
+    def _unknown_bend(self, kind: str, field: str, choices: Iterable[object]) -> BendColumns:
+        """Ask for the column or the line of the bend, and how its numbers become the bend."""
+        self.ask(kind, field, choices)
+        self.ask("scale", "bend.scale", ["1.0", "-1.0", "57.29578", "-57.29578"], column="the bend")
+        self.ask("zero", "bend.zero", ["0.0"], columns="the bend")
+        measures = mapping.CHORD if field == "bend.line" else mapping.BEND_ANGLE
+        return BendColumns(UNKNOWN, scale=0.0, measures=measures)
 
     def _bend_column(self, column: Column) -> BendColumns:
         """Return how the bend is read from its column; the scale is 0 if that is not known."""
@@ -485,24 +511,37 @@ class Columns:
         elif "orientation" in name.says:
             measures = UNKNOWN
             self.ask("orientation", "bend.measures", mapping.MEASURES, column=column.text)
-        # Numbers that stay small while wires are hot are radians.
+        # The limb is straight at 0, or in the first rows.
+        scale = self._degrees_per_unit(column)
         rest = float(np.median(column.present[:10]))
+        if not scale:
+            self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
+            self.notes.append(f"bend.zero: the first number of {column.text}, {rest:.4g}")
+        elif abs(wrapped(rest * scale)) > MAX_REST_BEND:
+            self.ask("zero", "bend.zero", [f"{rest:g}", "0.0"], columns=column.text)
+        else:
+            rest = 0.0
+        return BendColumns(column.text, zero=rest, scale=scale, measures=measures)
+
+    def _degrees_per_unit(self, column: Column) -> float:
+        """Return the degrees of a unit of an angle; 0 if neither names nor numbers tell it."""
+        name = column.name
+        scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
+        says_angle = BEND in {name.role, *name.says} or not self.table.has_names
+        is_angle = says_angle and name.quantity in ("", "angle")
+        if not is_angle or column.span * scale > MAX_BEND_RANGE:
+            return 0.0
+        # Numbers that stay small while wires are hot are radians, and whole numbers may be counts.
         is_small = float(np.abs(column.present - np.median(column.present)).max()) < MAX_RADIANS
         is_hot = max(self.temperatures.each("span"), default=0.0) > HOT_RISE
         is_hot &= bool(self.heats.any())
-        scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
-        if name.quantity not in ("", "angle") or column.span * scale > MAX_BEND_RANGE:
-            scale = 0.0
-        elif is_small and not name.unit:
-            says_angle = name.role == BEND and name.words != ["tip"]
-            is_plain = not name.role and abs(rest) < 1.0
-            scale = DEGREES_PER_UNIT["rad"] if is_hot and (says_angle or is_plain) else 0.0
-        elif is_small and name.unit == "deg" and is_hot and column.span < 1.5:
-            scale = 0.0
-        zero = rest if not scale or abs(rest) * scale > MAX_REST_BEND else 0.0
-        if not scale:
-            self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
-        return BendColumns(column.text, zero=zero, scale=scale, measures=measures)
+        if name.unit:
+            is_radian = name.unit == "deg" and is_small and is_hot and column.span < 1.5
+            return 0.0 if is_radian else scale
+        if is_small:
+            is_radian = is_hot and column.span > MIN_RADIANS and name.words != ["tip"]
+            return DEGREES_PER_UNIT["rad"] if is_radian else 0.0
+        return 0.0 if bool((column.present % 1 == 0).all()) else scale
 
     # Sides.
 
@@ -515,6 +554,7 @@ class Columns:
         bend = log_mapping.bend
         wires = log_mapping.wires[: len(self.duties)]
         if not wires:
+            self._ask_sign(bend)
             return
         # Heat in seconds of full duty shows which wires bend the limb.
         tops = np.array(self.duties.each("top"))
@@ -537,16 +577,14 @@ class Columns:
         is_clear = True
         if not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
-        elif not bend.scale or UNKNOWN in bend.columns:
+        elif not bend.scale:
             is_clear = False
         else:
             votes = self._bend_votes(log_mapping)[is_heated]
             sign = float(np.sign(votes.sum()))
             is_clear = bool((sign * votes > MIN_VOTE).all()) and not self.is_inverted
             if not is_clear:
-                choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
-                self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
-                bend.scale = 0.0
+                self._ask_sign(bend)
             elif not is_nameless:
                 bend.scale *= sign
                 bend.scale_e3 *= sign
@@ -561,6 +599,13 @@ class Columns:
                 sign_text = "positive numbers of " if wire.sign > 0 else "negative numbers of "
                 duty = f"{sign_text if is_signed else ''}{wire.duty}"
                 self.ask("wire", f"wires[{index}].name", self.limb.wire_names, duty=duty)
+
+    def _ask_sign(self, bend: BendColumns) -> None:
+        """Ask for the sign of a bend, unless its scale is asked for already."""
+        if bend.scale:
+            choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
+            self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
+            bend.scale = 0.0
 
     def _bend_votes(self, log_mapping: LogMapping) -> np.ndarray:
         """Return how clearly each wire bends the limb to its side (W,), in standard errors."""
@@ -630,9 +675,11 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
     # Names may have a range, such as 0..255, or a unit.
     most = float(levels.max())
     says = set()
+    says_share = False
     ranges = set()
     for column in duties:
-        says |= {*column.name.says, *column.name.words, column.name.unit}
+        says |= {*column.name.says, column.name.unit}
+        says_share |= not SHARE_WORDS.isdisjoint(column.name.words)
         ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
     if len(ranges) == 1:
         full = float(min(ranges))
@@ -643,12 +690,12 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
         return 0.0
     # Shares of 1 or 100, or the most that a counter has, tell it themselves.
     is_whole = bool((levels % 1 == 0).all())
-    is_pwm = "pwm" in says
+    is_pwm = any("pwm" in column.name.words for column in duties)
     if most <= 1.0:
         return 1.0
     if not is_whole:
         return 100.0 if MAX_VOLTS < most <= 100.1 else 0.0
-    if most in COUNTED_SCALES or (most == 100.0 and not is_pwm):
+    if most in COUNTED_SCALES or (most == 100.0 and says_share):
         return most
     # Else all numbers are hundredths of one counter alone; a "pwm" has 8 bits if 7 are too few.
     fits = []

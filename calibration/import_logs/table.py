@@ -28,8 +28,9 @@ MIN_FIRST_ROWS = 4  # rows of numbers, one after the other, with which the numbe
 MAX_HEAD_LINES = 10_000  # lines before the first row of numbers
 MAX_LINE_LENGTH = 100_000  # characters
 BLOCK_CHARACTERS = 2**21  # characters that are in memory as text
-AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")  # a number and its unit
+AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s([].*)")  # a number and its unit
 _SWITCH_STATES = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0, "ein": 1.0, "aus": 0.0}
+_SWITCH_STATES |= {"high": 1.0, "low": 0.0}
 _TIME = re.compile(
     r"(?:\d+[-/. ]+[^\W_]+[-/. ]+\d+)?[ T_]*(?P<hours>\d+):(?P<minutes>\d\d?):"
     r"(?P<seconds>\d\d)(?:[.:](?P<fraction>\d+))?\s*(?P<half>[AaPp][Mm])?\s*"
@@ -259,6 +260,8 @@ class _Form:
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
         for row_above in above:
+            # Cells that are merged have their text in the first of them.
+            row_above = list(itertools.accumulate(row_above, lambda left, cell: cell or left))
             joined = []
             for name, cell in zip(names, row_above, strict=True):
                 joined.append(f"{cell} {name}".strip() if counts[name] > 1 else name)
@@ -308,7 +311,9 @@ def read_table(
         forms = [_Form(sample, mark, decimal) for mark in delimiters]
         form = max(forms, key=lambda form: form.score)
         if not form.score or not form.read_head(lines, names_line):
-            raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
+            raise LogError(
+                f"{path} has no rows of numbers; save the log as CSV, a row for each time."
+            )
         lines = lines[len(form.head) :]
         names = form.names(form.cells(lines[0]))
         if len(names) != form.width:
