@@ -139,13 +139,13 @@ def _share(limbs: list[Proposal]) -> None:
         # The base points to one direction in all of them.
         if limb.mapping.bend.line and zeros_deg:
             limb.mapping.bend.zero = float(np.median(zeros_deg))
-        # Replace a mapping with questions, but keep its time and its form.
+        # Replace a mapping with questions, but keep its time.
         has_contradiction = any(question.is_contradiction for question in limb.questions)
         if not answered or has_contradiction or (limb.is_heated and not limb.questions):
             continue
         replaced = limb.mapping
         limb.mapping = copy.deepcopy(max(answered, key=lambda mapping: mapping.full))
-        for field in ("delimiter", "decimal", "names_line", "time", "rate"):
+        for field in ("time", "rate"):
             setattr(limb.mapping, field, getattr(replaced, field))
         limb.notes.append("what this log does not tell is as in another log of the same columns")
         limb.questions = [q for q in limb.questions if q.field.split(".")[0] in ("time", "rate")]

@@ -85,7 +85,7 @@ def _shape_memory_limb(table: LogTable, limbs: list[int], limb: int) -> Proposal
     columns.questions = [question for question in columns.questions if question.field in fields]
     # Add the bend, and turn its sign so that each wire bends the limb to its own side.
     bend, note = _bend_of_limb(table, limb, limbs)
-    log_mapping = LogMapping(time, columns.wires, bend, **table.form)
+    log_mapping = LogMapping(time, columns.wires, bend)
     columns.find_sides(log_mapping)
     columns.notes += [
         f"limb {limb} of a logger of limbs with shape-memory alloy",
@@ -132,7 +132,7 @@ def _pneumatic_limbs(table: LogTable) -> list[Proposal]:
         # The angle is 0 while the camera does not see the tags.
         bend = BendColumns(f"theta_{number}", seen=f"tagid_x_{tags[-1]}" if tags else "")
         time = TimeColumn(TIMESTAMP, "ms", wraps_after=DAY)
-        log_mapping = LogMapping(time, wires, bend, **table.form)
+        log_mapping = LogMapping(time, wires, bend)
         notes = [
             f"limb {number} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
             "calibration cannot use it",

@@ -53,8 +53,7 @@ def read_log(
     path = Path(path)
     if mapping.open_fields:
         raise LogError(f"{path}: the mapping leaves open {', '.join(mapping.open_fields)}.")
-    form = (mapping.delimiter, mapping.decimal, mapping.names_line)
-    table = tables.pop() if tables else read_table(path, *form)
+    table = tables.pop() if tables else read_table(path)
     with reraise_as(LogError, f"{path}: "):
         limb = described_limb(mapping, parameters)
         signals = _Signals(table.only(mapping.columns), mapping, limb, path)

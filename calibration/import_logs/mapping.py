@@ -11,7 +11,7 @@ from pathlib import Path
 
 import yaml
 
-from calibration.import_logs.table import DELIMITERS, LogError
+from calibration.import_logs.table import LogError
 from limb_systems.bend_sensor import ChordSensor, TipTangentSensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.input import read_text
@@ -102,9 +102,6 @@ class LogMapping(Strict):
     rate: float = quantity(0.0, "Hz", 0.0, 1e6)
     missing: list[str] = dataclasses.field(default_factory=list)
     join: JoinedLog | None = None
-    delimiter: str = word(",", DELIMITERS)
-    decimal: str = word(".", [".", ","])
-    names_line: int = quantity(1, "", 0, 10_000)
 
     def __post_init__(self) -> None:
         with reraise_as(LogError):

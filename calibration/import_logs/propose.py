@@ -660,7 +660,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     bend = columns.bend()
     columns.ask_about_the_rest()
     missing = list(map(str, columns.missing))
-    log_mapping = LogMapping(columns.time, columns.wires, bend, full, missing=missing, **table.form)
+    log_mapping = LogMapping(columns.time, columns.wires, bend, full, missing=missing)
     columns.find_sides(log_mapping)
     return columns.proposal("", log_mapping)
 

@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.input import LARGEST_TABLE, check_file
 from limb_systems.progress import Progress
 
-# The names that mappings have for delimiters; "space" is any white space.
+# Delimiters by name; "space" is any white space.
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
 SAMPLE_ROWS = 100  # which show the form of the lines
 MIN_ROWS = 10
@@ -64,8 +63,6 @@ class LogTable:
     - ``units``: units from a row of units or from the cells; empty texts if there are none.
     - ``values``: the number in each cell (N, K); nan where a cell has none.
     - ``times_of_day``: names of columns whose numbers are times of day, s.
-    - ``form``: ``delimiter``, one of `DELIMITERS`; ``decimal``, the decimal mark; ``names_line``,
-      the number of the line of names, from 1, or 0 if there is none.
     - ``has_names``: whether columns have names, in a line or in each cell.
     - ``odd_rows``: number of rows left out, which have another number of cells.
     """
@@ -74,7 +71,6 @@ class LogTable:
     units: list[str]
     values: np.ndarray
     times_of_day: frozenset[str]
-    form: dict[str, Any] = dataclasses.field(default_factory=dict)
     has_names: bool = True
     odd_rows: int = 0
 
@@ -103,7 +99,9 @@ class LogTable:
 class _Form:
     """The form of a log's lines: a delimiter between cells, and what is around numbers.
 
-    - ``delimiter``, ``decimal``, ``names_line``: as in `LogTable.form`.
+    - ``delimiter``: between cells, one of `DELIMITERS`.
+    - ``decimal``: the decimal mark.
+    - ``names_line``: the number of the line of names, from 1, or 0 if there is none.
     - ``is_stamped``: whether a terminal wrote the time before each line.
     - ``labels``: names, if each cell is ``label:value``.
     - ``width``: number of cells of most lines.
@@ -113,10 +111,10 @@ class _Form:
     - ``head``: cells of the lines before the numbers, once they are read.
     """
 
-    def __init__(self, lines: list[str], delimiter: str, decimal: str):
-        """Find the form of lines; they show the decimal mark if it is empty."""
+    def __init__(self, lines: list[str], delimiter: str):
+        """Find the form of lines with a delimiter."""
         self.delimiter = delimiter
-        self.decimal = decimal or "."
+        self.decimal = "."
         self.names_line = 0
         self.head: list[list[str]] = []
         self.score = 0.0
@@ -133,7 +131,7 @@ class _Form:
         cells = list(filter(None, itertools.chain(*self.columns)))
         if self.width < 2 or not cells:
             return
-        for mark in [decimal] if decimal else [".", ","]:
+        for mark in (".", ","):
             num_fitting = 0
             for cell in cells:
                 has_other = "," in cell if mark == "." else "." in cell and "," not in cell
@@ -201,8 +199,8 @@ class _Form:
             values[index] = list(map(number_of_cell.__getitem__, column))
         return values, len(rows) - len(full)
 
-    def read_head(self, lines: list[str], names_line: int | None) -> bool:
-        """Read the lines before the numbers, and find the names if their line is not given."""
+    def read_head(self, lines: list[str]) -> bool:
+        """Read the lines before the numbers, and find the names; return whether there are rows."""
         num_rows = 0
         for line in lines[:MAX_HEAD_LINES]:
             row = self.cells(line)
@@ -210,7 +208,7 @@ class _Form:
             full = list(filter(None, row))
             num_numbers = sum(is_number(cell, self.decimal) or is_time(cell) for cell in full)
             is_row = len(row) == self.width and num_numbers >= max(2, 0.3 * len(full))
-            num_rows = num_rows + 1 if is_row and len(self.head) >= (names_line or 0) else 0
+            num_rows = num_rows + 1 if is_row else 0
             self.head.append(row)
             if num_rows == MIN_FIRST_ROWS:
                 break
@@ -218,8 +216,7 @@ class _Form:
             return False
         # Find the names in the lines before.
         del self.head[-num_rows:]
-        self.names_line = names_line or 0
-        if names_line is None and not self.labels:
+        if not self.labels:
             self.names_line = self._find_names_line()
         return True
 
@@ -259,11 +256,11 @@ class _Form:
         counts = Counter(filter(None, names))
         above = [row for row in self.head[: self.names_line - 1] if len(row) == len(names)]
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
-        for row_above in above:
+        for cells in above:
             # Cells that are merged have their text in the first of them.
-            row_above = list(itertools.accumulate(row_above, lambda left, cell: cell or left))
+            filled = itertools.accumulate(cells, lambda left, cell: cell or left)
             joined = []
-            for name, cell in zip(names, row_above, strict=True):
+            for name, cell in zip(names, filled, strict=True):
                 joined.append(f"{cell} {name}".strip() if counts[name] > 1 else name)
             if max(Counter(filter(None, joined)).values(), default=1) == 1:
                 return joined
@@ -285,13 +282,10 @@ class _Form:
         return units
 
 
-def read_table(
-    path: str | Path, delimiter: str = "", decimal: str = "", names_line: int | None = None
-) -> LogTable:
+def read_table(path: str | Path) -> LogTable:
     """Read a log whatever wrote it, and show the progress on a terminal.
 
-    The log shows its form if ``delimiter``, ``decimal`` and ``names_line``, as in `LogTable.form`,
-    are left out. LogError if it is no table of text with rows of numbers.
+    LogError if it is no table of text with rows of numbers.
     """
     check_file(path, "log", LARGEST_TABLE, LogError)
     path = Path(path)
@@ -307,10 +301,9 @@ def read_table(
         full_lines = [line for line in lines if line.strip() and len(line) < MAX_LINE_LENGTH]
         middle = max(0, (len(full_lines) - SAMPLE_ROWS) // 2)
         sample = full_lines[middle : middle + SAMPLE_ROWS] or [""]
-        delimiters = [delimiter] if delimiter else DELIMITERS
-        forms = [_Form(sample, mark, decimal) for mark in delimiters]
+        forms = [_Form(sample, delimiter) for delimiter in DELIMITERS]
         form = max(forms, key=lambda form: form.score)
-        if not form.score or not form.read_head(lines, names_line):
+        if not form.score or not form.read_head(lines):
             raise LogError(
                 f"{path} has no rows of numbers; save the log as CSV, a row for each time."
             )
@@ -336,10 +329,9 @@ def read_table(
         raise LogError(f"{path} has only {count} rows of numbers.")
     names = unique_names(names)
     times_of_day = frozenset(itertools.compress(names, form.is_time))
-    fields = {"delimiter": form.delimiter, "decimal": form.decimal, "names_line": form.names_line}
     has_names = bool(form.names_line or form.labels)
     values = values[:, :count]
-    return LogTable(names, form.units(), values, times_of_day, fields, has_names, odd_rows)
+    return LogTable(names, form.units(), values, times_of_day, has_names, odd_rows)
 
 
 def number(text: str, decimal_mark: str = ".") -> float:

@@ -77,7 +77,7 @@ def test_from_logs_to_a_plan(logs, tmp_path, monkeypatch, capsys):
     Path("no log.csv").write_text("t,x\n1,foo\n")
     assert main(["import", *map(str, logs), "no log.csv", "-o", "my recordings"]) == 1
     printed, complained = capsys.readouterr()
-    assert "no log.csv has no rows of numbers between delimiters" in complained
+    assert "no log.csv has no rows of numbers; save" in complained
     assert f"soft-limb fit: {left_out}" in printed
     assert named(printed) == ["fit", "my recordings", "-o", "limb_2.yaml"]
     assert Recording.load("my recordings/77_heiß_begonnen.csv").kind == "both"
