@@ -35,7 +35,7 @@ def find_time(table: LogTable, names: list[Name]) -> TimeColumn:
     for name in names:
         # Leave out columns of other things.
         is_clock = name.text in table.times_of_day
-        says_time = is_clock or name.role == TIME
+        says_time = is_clock or (name.role in ("", TIME) and TIME in {name.role, *name.says})
         if not says_time and (name.role or name.quantity):
             continue
         candidate = TimeColumn(name.text)

@@ -39,6 +39,7 @@ MAX_REST_BEND = 20.0  # °, beyond which a limb at rest may be straight instead
 MAX_BEND_RANGE = 540.0  # ° between the least and the most of an angle
 MAX_RADIANS = 2.2  # that no bend in degrees stays within, while wires are hot
 MIN_RADIANS = 0.35  # of which the range of a bend in radians is more, while wires are hot
+MIN_RANGE = 1.5  # ° of a bend, while wires are hot
 HOT_RISE = 20.0  # °C of warming, with which a limb bends by more than that in degrees
 FIXED_POINT_SHARE = 0.02  # movement of a point that is fixed, in shares of the tip's
 MIN_HEATED_TIME = 1.0  # s of full duty, with which a wire counts as heated
@@ -254,7 +255,7 @@ class Columns:
         """
         duties = ColumnList(dict.fromkeys(self.duties))
         if not duties:
-            self.ask("full duty", "full", columns="the duty's columns", tops="not known")
+            self.ask("unknown full", "full")
             return 0.0
         if not duties.moving:
             return 1.0
@@ -353,7 +354,8 @@ class Columns:
             else:
                 open_wires.append(index)
         # Ask about wires that may have one of the thermocouples that are left.
-        others = self._unnamed().having("looks_like_heat", False).having("is_number", True)
+        others = self.columns.moving.having("name.role", "").having("is_number", True)
+        others = others.having("looks_like_heat", False).having("name.is_measured", True)
         for index in open_wires:
             candidates = unpaired.where(functools.partial(self._may_have, self.wires[index]))
             if self.wires[index].duty == UNKNOWN and not self.temperatures:
@@ -446,7 +448,7 @@ class Columns:
             bend = self._bend_column(first)
             bend_e3 = self._bend_column(second)
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
-            return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=bend_e3.scale)
+            return dataclasses.replace(bend, zero_e3=bend_e3.zero or 0.0, scale_e3=bend_e3.scale)
         # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
@@ -492,7 +494,7 @@ class Columns:
         bend = self._unknown_bend("base", "bend.line", choices)
         return dataclasses.replace(bend, column="", line=[UNKNOWN, UNKNOWN, *tip])
 
-    def _unknown_bend(self, kind: str, field: str, choices: Iterable[object]) -> BendColumns:
+    def _unknown_bend(self, kind: str, field: str, choices: Iterable[str | Column]) -> BendColumns:
         """Ask for the column or the line of the bend, and how its numbers become the bend."""
         self.ask(kind, field, choices)
         self.ask("scale", "bend.scale", ["1.0", "-1.0", "57.29578", "-57.29578"], column="the bend")
@@ -517,7 +519,7 @@ class Columns:
         if not scale:
             self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
             self.notes.append(f"bend.zero: the first number of {column.text}, {rest:.4g}")
-        elif abs(wrapped(rest * scale)) > MAX_REST_BEND:
+        elif abs(wrapped(np.array(rest * scale))) > MAX_REST_BEND:
             self.ask("zero", "bend.zero", [f"{rest:g}", "0.0"], columns=column.text)
         else:
             rest = 0.0
@@ -528,6 +530,7 @@ class Columns:
         name = column.name
         scale = DEGREES_PER_UNIT.get(name.unit, 1.0)
         says_angle = BEND in {name.role, *name.says} or not self.table.has_names
+        says_angle &= bool(name.unit) or name.words != ["tip"]
         is_angle = says_angle and name.quantity in ("", "angle")
         if not is_angle or column.span * scale > MAX_BEND_RANGE:
             return 0.0
@@ -536,11 +539,9 @@ class Columns:
         is_hot = max(self.temperatures.each("span"), default=0.0) > HOT_RISE
         is_hot &= bool(self.heats.any())
         if name.unit:
-            is_radian = name.unit == "deg" and is_small and is_hot and column.span < 1.5
-            return 0.0 if is_radian else scale
+            return 0.0 if is_hot and column.span * scale < MIN_RANGE else scale
         if is_small:
-            is_radian = is_hot and column.span > MIN_RADIANS and name.words != ["tip"]
-            return DEGREES_PER_UNIT["rad"] if is_radian else 0.0
+            return DEGREES_PER_UNIT["rad"] if is_hot and column.span > MIN_RADIANS else 0.0
         return 0.0 if bool((column.present % 1 == 0).all()) else scale
 
     # Sides.
@@ -598,7 +599,8 @@ class Columns:
                 wire.name = UNKNOWN
                 sign_text = "positive numbers of " if wire.sign > 0 else "negative numbers of "
                 duty = f"{sign_text if is_signed else ''}{wire.duty}"
-                self.ask("wire", f"wires[{index}].name", self.limb.wire_names, duty=duty)
+                choices = [*self.limb.wire_names, "none"]
+                self.ask("wire", f"wires[{index}].name", choices, duty=duty)
 
     def _ask_sign(self, bend: BendColumns) -> None:
         """Ask for the sign of a bend, unless its scale is asked for already."""

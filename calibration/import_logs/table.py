@@ -258,10 +258,11 @@ class _Form:
         above.sort(key=lambda cells: {"name", "bodyparts"}.isdisjoint(map(str.lower, cells[:2])))
         for cells in above:
             # Cells that are merged have their text in the first of them.
-            filled = itertools.accumulate(cells, lambda left, cell: cell or left)
             joined = []
-            for name, cell in zip(names, filled, strict=True):
-                joined.append(f"{cell} {name}".strip() if counts[name] > 1 else name)
+            group = ""
+            for name, cell in zip(names, cells, strict=True):
+                group = cell or group
+                joined.append(f"{group} {name}".strip() if counts[name] > 1 else name)
             if max(Counter(filter(None, joined)).values(), default=1) == 1:
                 return joined
         return names
