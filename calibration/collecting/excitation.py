@@ -18,8 +18,10 @@ from calibration.collecting.bend_control import DUTY_TAPER
 from calibration.recordings.kinds import MOUNTING_ANGLES, MOUNTINGS
 from limb_systems import LimbParameters
 from limb_systems.drake_python import declare_state_output, weak_method
+from limb_systems.law_functions import check_affine
 from limb_systems.monte_carlo import draw_limbs, stack_limbs
 from limb_systems.simulation import PERIOD
+from limb_systems.wire_laws.wire_law import duty_for_rate
 
 NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
@@ -226,7 +228,12 @@ class LimitedDuty(_DutyByReadings):
         Args:
             parameters: the limb, as well as it is calibrated so far, of one segment.
             duty: a row for each wire.
+
+        Raises:
+            LimbError: if the rates of a wire's law are not affine in the duty.
         """
+        for wire in parameters.wires:
+            check_affine(wire.law)
         self._law, rooms, _ = stack_limbs(draw_limbs(parameters, NUM_LIMBS))
         self._rooms = rooms[:, np.newaxis, np.newaxis]
         self._highest = parameters.temperature_limits.maximum
@@ -249,21 +256,19 @@ class LimitedDuty(_DutyByReadings):
 
     def _limited(self, own_state, wanted_duty, measured):
         states = own_state.reshape(self._shape)
-        # Rates are affine in the duty: interpolate between off and on.
+        # Solve for the duty with which the hottest T reaches T_max within the reaction time.
         rates = np.empty((len(states), 2, *self._shape[1:]))
         law_rates = self._law.rates(list(states), OFF_AND_ON, self._rooms)
         for row, rate in zip(rates, law_rates, strict=True):
             row[...] = rate
-        rates_off = rates[:, 0]
-        rates_by_duty = rates[:, 1] - rates_off
-        # Solve for the duty with which the hottest T reaches T_max within the reaction time.
+        rates_off, rates_on = np.moveaxis(rates, 1, 0)
         allowed_rate = (self._highest - states[0]) / REACTION_TIME
-        allowed_duty = ((allowed_rate - rates_off[0]) / rates_by_duty[0]).min(axis=(0, 1))
+        allowed_duty = duty_for_rate(allowed_rate, rates_off[0], rates_on[0]).min(axis=(0, 1))
         taper = (self._highest - 5.0 - measured) / DUTY_TAPER
         taper[np.isnan(taper)] = 0.0  # no duty without a reading
         allowed_duty = np.minimum(np.maximum(np.minimum(allowed_duty, taper), 0.0), 1.0)
         duty = np.minimum(wanted_duty, allowed_duty)
-        states = states + PERIOD * (rates_off + duty * rates_by_duty)
+        states = states + PERIOD * (rates_off + duty * (rates_on - rates_off))
         return states.ravel(), duty
 
 

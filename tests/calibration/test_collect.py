@@ -560,3 +560,20 @@ def test_the_hottest_of_the_limbs_that_cannot_be_told_apart_limits_the_duty():
     assert temperatures.size == 2 * 16
     assert 95.0 < temperatures.max() < 100.5
     assert temperatures.min() < 70.0
+
+
+@dataclasses.dataclass
+class RootLaw(LinearLaw):
+    """A law that is hotter at half duty than midway between off and on."""
+
+    def rates(self, x, D, T0):
+        return super().rates(x, np.sqrt(D), T0)
+
+
+def test_a_law_that_is_not_affine_in_the_duty_is_refused():
+    limb = LimbParameters()
+    limb.wires[1].law = RootLaw()
+    limited = functools.partial(LimitedDuty, duty=PiecewisePolynomial([[0.1], [0.1]]))
+    for make in (Limb, limited):
+        with pytest.raises(LimbError, match="rates of RootLaw are not affine in the duty"):
+            make(limb)
