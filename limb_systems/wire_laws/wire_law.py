@@ -170,7 +170,7 @@ def runge_kutta(
 
 
 def duty_for_rate(rate: Any, rate_off: Any, rate_on: Any) -> Any:
-    """Return the duty that gives a rate, which is affine in it, by the rates off and at full duty."""
+    """Return the duty that gives a rate; rates are affine in it, from off to on."""
     return (rate - rate_off) / (rate_on - rate_off)
 
 
