@@ -1,5 +1,6 @@
 """Calibration by prediction error, on data of known laws."""
 
+import copy
 import dataclasses
 import functools
 import types
@@ -24,7 +25,12 @@ from calibration.prediction.selection import (
     is_beaten,
     simplest_unbeaten_law,
 )
-from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
+from calibration.prediction.unknowns import (
+    laws_before_fit,
+    slopes_of,
+    unknowns_of,
+    values_of,
+)
 from calibration.remarks import CalibrationError, remarks_on_start
 from limb_systems import (
     CoupledLaw,
@@ -325,6 +331,10 @@ def test_words_and_fields_without_a_range_stay_as_described():
         assert (type(wire.law), wire.law.supply, wire.law.factor) == (SupplyLaw, "half", 0.8)
         a2 = expected.estimates[f"{wire.name}.a2"]
         assert wire.law.a2 == pytest.approx(a2.value / 0.4, rel=0.1)
+    # A wire that is described by another law gets the words.
+    mixed = copy.deepcopy(described)
+    mixed.wires[0].law = LinearLaw()
+    assert [law.supply for law in laws_before_fit(SupplyLaw, mixed)] == ["half", "half"]
     described.wires[0].law.supply = "whole"
     with pytest.raises(LimbError, match="several words for supply, half and whole; use one"):
         fit_law(SupplyLaw, [run], described, AMBIENT)
