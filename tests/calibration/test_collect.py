@@ -15,6 +15,7 @@ from calibration import (
     BendAngleController,
     CalibrationError,
     EquilibriumSchedule,
+    Knowledge,
     LimitedDuty,
     collect_equilibria,
     collect_excitation,
@@ -31,6 +32,7 @@ from calibration import (
 )
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, _held_levels, mountings
 from calibration.prediction.heated_run import HeatedRun
+from calibration.recordings.repair import select_samples
 from hardware import LimbTwin
 from limb_systems import (
     CalibrationRecord,
@@ -45,6 +47,7 @@ from limb_systems import (
     SegmentParameters,
     TwoMassLaw,
     WireParameters,
+    simulate,
 )
 from limb_systems.progress import Progress
 from soft_limb.command import main
@@ -333,6 +336,21 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     runs = [HeatedRun.of(recording) for recording in load_recordings(tmp_path)["heated"]]
     estimates = fit_law(LinearLaw, runs, described.segments[0], 25.0).estimates
     assert estimates["right.a2"].value == pytest.approx(22.0, rel=0.03)
+
+
+def test_a_motion_is_compared_with_its_repetitions(described):
+    """As far as both go, if one is longer."""
+    fit = mock.Mock()
+    fit.predict.return_value = [mock.Mock(bend_error=0.0, temperature_error=0.0)]
+    knowledge = Knowledge(described)
+    first = simulate(Limb(described), [0.0, 0.1], 3.0)
+    moved = dataclasses.replace(first, bend_angle=first.bend_angle + np.deg2rad(2.0))
+    with mock.patch.object(Knowledge, "_fit", return_value=fit):
+        knowledge.add(first, "motion")
+        knowledge.add(select_samples(moved, slice(20)), "motion")
+        sentence = knowledge.add(dataclasses.replace(moved), "motion")
+    # 2° between the first and each other, nothing between these.
+    assert sentence.endswith("; motions differ by 1.3° from each other")
 
 
 def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_path, described):
