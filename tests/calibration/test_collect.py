@@ -519,7 +519,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
 
 
 def test_command_collects_three_wires_from_a_robot_as_four_kinds(
-    short_excitations, tmp_path, described
+    short_excitations, tmp_path, described, capsys
 ):
     """With the model in place of the robot. Two of the wires are on one side."""
     monkeypatch = short_excitations
@@ -545,6 +545,7 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
     arguments += ["--protocol", "paper", "--angles", "1", "-l", str(tmp_path / "limb.yaml")]
     assert main(arguments) == 0
+    assert "next" in capsys.readouterr().out
     names = ["sag_1", "ring_down_1", "first_contact", "warm_up", "near", "far", "low", "both"]
     assert ports == ["/dev/robot"] * len(names)
     assert [what.split(":")[0] for what in asked] == names
@@ -560,6 +561,11 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(
     for name, seed, low in (("near", 3, 0), ("low", 5, -1)):
         angles = np.deg2rad(45.0) * np.random.default_rng(seed).uniform(low, low + 1, 1)
         assert np.unique(found[name].reference) == pytest.approx(np.sort(angles))
+    # Nothing is to be fitted without heat.
+    usable = mock.Mock(return_value=mock.Mock(heated={}))
+    monkeypatch.setattr("soft_limb.commands.calibration.select_usable", usable)
+    assert main(arguments) == 0
+    assert "next" not in capsys.readouterr().out
     found["both"].duty[0] = 0.0
     assert kind_of(dataclasses.replace(found["both"], kind="")) == "heated"
 

@@ -390,15 +390,19 @@ def test_a_plan_is_expected_to_miss_by_what_is_left_and_by_what_is_unknown():
     limb = fit_of("two masses", "conditioning").calibrated(limb_with(LAWS["two masses"]))
     run = HeatedRun.of(recording_of("two masses", "motion_1"))
 
-    def miss(error: float, share: float = 1.0) -> PlanMiss:
-        smaller = dataclasses.replace(run, bend=share * run.bend)
-        predicted = [Predicted(smaller, run.temperature, smaller.bend + error)]
-        return plan_miss(limb, predicted, predicted, [error], 2.0 * error)
+    def miss(error: float, *, judged_share: float = 1.0, fitted_share: float = 1.0) -> PlanMiss:
+        groups = []
+        for share in (judged_share, fitted_share):
+            smaller = dataclasses.replace(run, bend=share * run.bend)
+            groups.append([Predicted(smaller, run.temperature, smaller.bend + error)])
+        return plan_miss(limb, *groups, [error], 2.0 * error)
 
     unknown = miss(0.0).expected
     assert np.deg2rad(0.3) < unknown < np.deg2rad(4.0)  # the sensor's drift is 1°
     assert miss(0.1).expected > 0.99 * np.hypot(unknown, 0.1)
-    assert miss(0.1, share=0.3).expected > 1.3 * miss(0.1).expected  # which plans will exceed
+    # Plans will exceed what judged, or what was fitted.
+    assert miss(0.1, judged_share=0.3).expected > 1.3 * miss(0.1).expected
+    assert miss(0.1, fitted_share=0.3).expected > 1.3 * miss(0.1).expected
     assert f"will miss by 0.0° to {np.rad2deg(2 * unknown):.1f}°" in miss(0.0).in_words
     assert miss(0.1).low == pytest.approx(0.05)
     assert [r.kind for e in (0.0, 0.1, 1.0) for r in miss(e).remarks] == ["off", "far"]
