@@ -101,6 +101,11 @@ def check_symbols(law: WireLaw) -> None:
     # A word or a switch may choose other equations. Numbers are expected not to.
     switches = []
     for field in dataclasses.fields(law):  # type: ignore[arg-type]
+        if field.default is field.default_factory is dataclasses.MISSING:
+            raise LimbError(
+                f"The field {field.name} of {type(law).__name__} has no default, from which fits "
+                "and checks start; give it one."
+            )
         if not isinstance(field.default, float):
             switches.append(getattr(law, field.name))
     if isinstance(build_once(("checked", type(law), repr(switches)), build), NumericFunction):

@@ -340,11 +340,20 @@ def test_words_and_fields_without_a_range_stay_as_described():
         fit_law(SupplyLaw, [run], described, AMBIENT)
 
 
+@dataclasses.dataclass
+class GainLaw(LinearLaw):
+    """A lab's law with a field without a default."""
+
+    gain: float = dataclasses.field(kw_only=True)
+
+
 def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
     with pytest.raises(LimbError, match="BranchLaw gives other values with symbols"):
         Limb(limb_with(BranchLaw))
     with pytest.raises(LimbError, match=r"law \(ComparingLaw\) takes no symbols: .* truth value"):
         Limb(limb_with(ComparingLaw))
+    with pytest.raises(LimbError, match="field gain of GainLaw has no default, from which"):
+        Limb(limb_with(functools.partial(GainLaw, gain=1.0)))
     Limb(limb_with(SwitchedLaw))
     with pytest.raises(LimbError, match="SwitchedLaw gives other values with symbols"):
         Limb(limb_with(functools.partial(SwitchedLaw, cooling="uneven")))
