@@ -4,15 +4,14 @@ import copy
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypedDict, Unpack
+from typing import Any, TypedDict, TypeVar, Unpack, cast
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
-from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
-from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
+from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty, held_levels
 from calibration.recordings.kinds import heated_wires, only_segment
 from hardware.board.journal import closing
 from hardware.live_feed import LiveView
@@ -28,7 +27,7 @@ FIRST_TOTAL_DUTY = 0.3  # the largest sum of both duties while nothing is known 
 # s
 CONTACT_DUTY = 0.1
 CONTACT_TIME = 30.0
-CONTACT_END = 100.0
+CONTACT_PAUSE = 20.0
 CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
 # s
 WARM_UP_DUTY = 0.15
@@ -36,7 +35,7 @@ WARM_UP_TIME = 60.0
 WARM_UP_END = 100.0
 WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
 
-Options = ParamSpec("Options")
+Collect = TypeVar("Collect", bound=Callable[..., Recording])
 
 
 class Outputs(TypedDict, total=False):
@@ -46,19 +45,15 @@ class Outputs(TypedDict, total=False):
     live: LiveView | None
 
 
-def _closing(
-    collect: Callable[Concatenate[LimbSystem, Options], Recording],
-) -> Callable[Concatenate[LimbSystem, Options], Recording]:
+def _closing(collect: Collect) -> Collect:
     """Have a function close its limb at the end, also if it fails before the recording starts."""
 
     @functools.wraps(collect)
-    def closing_collect(
-        limb: LimbSystem, *arguments: Options.args, **options: Options.kwargs
-    ) -> Recording:
+    def closing_collect(limb: LimbSystem, *arguments: Any, **options: Any) -> Recording:
         with closing(check_limb(limb)):
             return collect(limb, *arguments, **options)
 
-    return closing_collect
+    return cast(Collect, closing_collect)
 
 
 @_closing
@@ -130,25 +125,20 @@ def collect_first_contact(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recor
 
     `fit_heat_bounds` learns from it with what bounds the wires can be warmed up.
     """
-    num_wires = len(limb.parameters.wires)
-    pause = (CONTACT_END - num_wires * CONTACT_TIME) / num_wires
-    times = [0.0]
-    levels = []
-    for wire in np.eye(num_wires):
-        times += [times[-1] + CONTACT_TIME, times[-1] + CONTACT_TIME + pause]
-        levels += [CONTACT_DUTY * wire, 0 * wire]
-    duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
+    parts = []
+    for wire in np.eye(len(limb.parameters.wires)):
+        parts += [(CONTACT_TIME, CONTACT_DUTY * wire), (CONTACT_PAUSE, 0 * wire)]
+    duty = held_levels(parts)
     source = DutyUntilWarm(duty, CONTACT_RISE)
-    return _record(limb, source, times[-1], "heated", outputs)
+    return _record(limb, source, duty.end_time(), "heated", outputs)
 
 
 @_closing
 def collect_warm_up(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Heat all wires a little at once for a minute, as `fit_heat_bounds` needs it."""
-    ones = np.ones((len(limb.parameters.wires), 1))
-    levels = ones * [WARM_UP_DUTY, 0.0, 0.0]
-    duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
-    source = DutyUntilWarm(duty, WARM_UP_RISE)
+    wires = np.ones(len(limb.parameters.wires))
+    parts = [(WARM_UP_TIME, WARM_UP_DUTY * wires), (WARM_UP_END - WARM_UP_TIME, 0 * wires)]
+    source = DutyUntilWarm(held_levels(parts), WARM_UP_RISE)
     return _record(limb, source, WARM_UP_END, "heated", outputs)
 
 

@@ -81,7 +81,7 @@ def mountings(num_wires: int) -> list[Excitation]:
         parts.append((30.0, MOUNTED_LEVELS[1] * pair))
         parts.append((MOUNTED_COOLING_TIME, off))
     return [
-        Excitation(name, "heated", pause=60.0, duty=_held_levels(parts), turned=turned)
+        Excitation(name, "heated", pause=60.0, duty=held_levels(parts), turned=turned)
         for name, turned in zip(MOUNTINGS, MOUNTING_ANGLES, strict=True)
     ]
 
@@ -128,13 +128,13 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
 
     random_parts = [*_random_levels(random, num_wires), (120.0, off)]
     result = [
-        Excitation("conditioning", "heated", 0.0, _held_levels(conditioning)),
-        Excitation("pulses", "heated", 5.0, _held_levels(pulses), seed),
-        Excitation("ramps", "heated", 5.0, _held_levels(ramps)),
-        Excitation("random", "heated", 5.0, _held_levels(random_parts), seed),
+        Excitation("conditioning", "heated", 0.0, held_levels(conditioning)),
+        Excitation("pulses", "heated", 5.0, held_levels(pulses), seed),
+        Excitation("ramps", "heated", 5.0, held_levels(ramps)),
+        Excitation("random", "heated", 5.0, held_levels(random_parts), seed),
     ]
     for number in range(1, NUM_MOTIONS + 1):
-        result.append(Excitation(f"motion_{number}", "motion", 120.0, _held_levels(motion)))
+        result.append(Excitation(f"motion_{number}", "motion", 120.0, held_levels(motion)))
     return result
 
 
@@ -170,7 +170,7 @@ def _triangle(turns: np.ndarray) -> np.ndarray:
     return 2 * np.abs(turns % 1 - 0.5)
 
 
-def _held_levels(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
+def held_levels(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
     """Return the levels of duty, each with its duration, one after the other."""
     times = np.cumsum([0.0, *(duration for duration, _ in parts)])
     levels = np.array([level for _, level in parts] + [parts[-1][1]])

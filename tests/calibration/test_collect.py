@@ -30,7 +30,7 @@ from calibration import (
     kind_of,
     load_recordings,
 )
-from calibration.collecting.excitation import DutyUntilWarm, Excitation, _held_levels, mountings
+from calibration.collecting.excitation import DutyUntilWarm, Excitation, held_levels, mountings
 from calibration.prediction.heated_run import HeatedRun
 from calibration.recordings.repair import select_samples
 from hardware import LimbTwin
@@ -278,7 +278,7 @@ def short_excitations(monkeypatch):
         last = np.eye(num_wires)[-1]
         off = 0.0 * first
         parts = [(2.0, off), (6.0, 0.5 * last), (8.0, off), (6.0, 0.5 * first), (8.0, off)]
-        pulses = _held_levels(parts)
+        pulses = held_levels(parts)
         return [
             Excitation("conditioning", "heated", 0.0, pulses),
             dataclasses.replace(motion, pause=5.0, duty=motion.duty.slice(0, 3)),
@@ -294,7 +294,7 @@ def short_excitations(monkeypatch):
         ("calibration.collecting.collect.WARM_UP_TIME", 12.0),
         ("calibration.collecting.collect.WARM_UP_END", 18.0),
         ("calibration.collecting.collect.CONTACT_TIME", 8.0),
-        ("calibration.collecting.collect.CONTACT_END", 30.0),
+        ("calibration.collecting.collect.CONTACT_PAUSE", 7.0),
     ):
         monkeypatch.setattr(name, value)
     return monkeypatch
@@ -414,6 +414,15 @@ def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_p
     assert found["first_contact"].parameters.total_duty == 0.3
     collect()
     assert len(asked) == 9
+
+
+def test_first_contact_warms_any_number_of_wires_one_after_the_other():
+    limb = LimbParameters.in_space(wires=4, links=2)
+    recording = collect_first_contact(Limb(limb))
+    assert recording.time[-1] == pytest.approx(4 * (30.0 + 20.0))
+    heated = recording.duty > 0
+    assert heated.sum(axis=0).max() == 1
+    assert np.diff(heated.argmax(axis=1)) == pytest.approx([50 * 20] * 3, abs=1)
 
 
 def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(
