@@ -18,7 +18,7 @@ from planners.transcription.collocation import (
     heat_block,
 )
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
-from planners.transcription.ipopt import ConstraintBlock
+from planners.transcription.ipopt import ConstraintBlock, scales_of_variables
 
 if TYPE_CHECKING:
     from limb_systems import Limb
@@ -182,10 +182,7 @@ class PlanProgram:
         """The typical changes of all decision variables (num_vars,)."""
         scales = np.ones(self.prog.num_vars())
         scales[self._of_knots] = self._scales
-        # The task's ``customize`` may have set others.
-        for index, scale in self.prog.GetVariableScaling().items():
-            scales[index] = scale
-        return scales
+        return scales_of_variables(self.prog, scales)  # the task's ``customize`` may have set some
 
     @property
     def state_scales(self) -> np.ndarray:
