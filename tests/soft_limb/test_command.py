@@ -247,6 +247,10 @@ def test_a_users_law_is_imported_for_a_command(tmp_path, monkeypatch, capsys):
         ("plan mine.csv --knot-rate 1e308 -o out.csv", "ask for fewer knots per second"),
         ("teach --emulated 1 -t nan -o out.csv", "--time is nan s; it must be above 0 and at most"),
         ("plan path.csv --tip -o out.csv", "two coordinates of the tip, .* write axes: 2 into"),
+        (
+            f"plan ramps --task {'t' * 300} -o out.csv",
+            "error: Cannot use t{300}: File name too long.",
+        ),
     ],
 )
 def test_invalid_input_gives_one_sentence(line, said, tmp_path, monkeypatch, capsys):
