@@ -10,13 +10,9 @@ from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 
 from limb_systems import LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
 from limb_systems.files.trajectory import AddedTerms
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from planners.task import Task, TaskError
-from planners.transcription.collocation import (
-    ANGLE_SCALE,
-    MotionDefects,
-    fixed_time_heat_blocks,
-    heat_block,
-)
+from planners.transcription.collocation import MotionDefects, fixed_time_heat_blocks, heat_block
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
 from planners.transcription.ipopt import ConstraintBlock, scales_of_variables
 

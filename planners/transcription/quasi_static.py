@@ -20,10 +20,10 @@ from pydrake.solvers import MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from limb_systems.static_equilibria import StaticEquilibria
 from limb_systems.wires import Wires
 from planners.task import Task
-from planners.transcription.collocation import ANGLE_SCALE
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.linearized import LinearizedProgram
