@@ -352,6 +352,8 @@ def _learn(options: argparse.Namespace) -> int:
             return
         distance, error = np.rad2deg([repetition.reference_distance, repetition.mean_error])
         parts = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
+        estimate = np.rad2deg(repetition.estimated_distance)
+        parts.append(f"|φ_ref - φ| without the sensor's drift about {estimate:.2f}°")
         parts += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
