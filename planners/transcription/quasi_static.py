@@ -103,9 +103,10 @@ def check_temperature_limits(
             )
         if cooled[index] > highest:
             below = _first_crossing_time(ahead, states_at(0.0, ahead)[:, index], highest)
+            duration = f" for {below:.3g} s" if np.isfinite(below) else ""
             raise InfeasibleError(
                 f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C"
-                f"{margin} (19); let it cool for {below:.3g} s first."
+                f"{margin} (19); let it cool{duration} first."
             )
         # At full duty the wire is too cold (20).
         if heated[index] >= limits.warm or not warm_knots.any():
