@@ -436,6 +436,8 @@ def _teach(options: argparse.Namespace) -> int:
 
 def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
+    if options.one_board and not options.robot:
+        raise LimbError("--one-board is for a robot; give its description (.yaml), too.")
     twin: EmulatedSystem
     limbs = []
     # Emulate a robot, with a board for each limb or for all, or a limb.
