@@ -32,9 +32,10 @@ from pydrake.solvers import MathematicalProgram
 
 from controllers.temperature_supervisor import lag_error
 from limb_systems import LimbModel, Provenance
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from limb_systems.segment_chain import rotation
 from limb_systems.smooth_function import SmoothFunction
-from planners.transcription.collocation import ANGLE_SCALE, heat_defects
+from planners.transcription.collocation import heat_defects
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from walking.course import MAX_TURN, MIN_TURN, Course

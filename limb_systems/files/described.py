@@ -50,10 +50,14 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        # Other files of the package say in their first line what they are.
-        if line := first_line(text):
+        # Other files of the package say what they are: tables in their first line.
+        line = first_line(text)
+        kind = line.kind if line else ""
+        if "limbs" not in cls.__dataclass_fields__ and re.search("^limbs:", text, re.MULTILINE):
+            kind = "robot of several limbs"
+        if kind:
             raise ParameterError(
-                f"{path} is a {line.kind}; a limb is described by a YAML file, such as soft-limb "
+                f"{path} is a {kind}; a limb is described by a YAML file, such as soft-limb "
                 "fit or LimbParameters.save writes."
             )
         with reraise_as(ParameterError, f"{path}: "):
