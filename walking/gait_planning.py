@@ -22,6 +22,7 @@ from walking.gait_program import (
     MIN_LOAD_SHARE,
     GaitProgram,
     default_steadiness,
+    is_calibrated,
 )
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
@@ -401,6 +402,14 @@ def _with_smoothed_laws(robot: RobotParameters) -> RobotParameters:
     return robot
 
 
+def _without_calibration(robot: RobotParameters) -> RobotParameters:
+    """Return a copy of a robot whose limbs are as if they were only described."""
+    robot = copy.deepcopy(robot)
+    for limb in robot.limbs:
+        limb.parameters.calibration = None
+    return robot
+
+
 def _with_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
     """Return the same program for another robot."""
     return GaitProgram(
@@ -475,12 +484,19 @@ def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
     # Relax one limit after the other, until there is a gait.
     margin = requested.temperature_margin
     slippery = _with_robot(requested, with_friction(requested.robot, RELAXED_FRICTION_FACTOR))
+    uncalibrated = _with_robot(requested, _without_calibration(requested.robot))
+    leans = (
+        uncalibrated,
+        "some foot carries too little, or the feet stand too close together, for a robot whose "
+        "limbs and hips are not quite as described; set the limbs farther apart",
+    )
     too_cold = (
         program(temperature_margin=0.0),
         f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
         "margin; ask for a smaller one",
     )
     for relaxed, reason in (
+        *([leans] if requested.in_space and is_calibrated(requested.robot) else []),
         *([too_cold] if margin else []),
         (
             slippery,
