@@ -22,6 +22,7 @@ from walking.gait_program import (
     MIN_LOAD_SHARE,
     GaitProgram,
     default_steadiness,
+    default_sticking_share,
     is_calibrated,
 )
 from walking.gait_request import GaitRequest
@@ -101,6 +102,9 @@ def plan_gait(
     elif robot.body.mount != "free":
         schedules = schedules[:1]
     steadiness = default_steadiness(robot) if request.steadiness is None else request.steadiness
+    sticking_share = request.sticking_share
+    if sticking_share is None:
+        sticking_share = default_sticking_share(robot)
     # Take the first schedule that gives a gait.
     for number, schedule in enumerate(schedules, 1):
         check_schedule(schedule, robot)
@@ -113,7 +117,7 @@ def plan_gait(
             intervals=np.diff(knots).tolist(),
             objective=request.objective if request.speed is None else "energy",
             temperature_margin=request.temperature_margin,
-            sticking_share=request.sticking_share,
+            sticking_share=sticking_share,
             begins_as=request.begins_as,
         )
         is_last = number == len(schedules)

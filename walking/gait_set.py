@@ -102,7 +102,7 @@ def _plan_arc(
 def plan_spot_turn(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
     """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
     if len(robot.limbs) > 3:
-        sticking_share = min(request.sticking_share, SPOT_STICKING_SHARE)
+        sticking_share = min(request.sticking_share or 1.0, SPOT_STICKING_SHARE)
         request = dataclasses.replace(request, sticking_share=sticking_share)
     for turn, schedule in itertools.product(SPOT_TURNS, schedules_on_the_spot(robot)):
         with contextlib.suppress(PlanningError):
