@@ -7,10 +7,10 @@ place.
 
 With ``--spot`` the robot turns on the spot, by the gait of `plan_gaits`. With ``--level`` a scale
 of 1 g weighs what each foot of the standing robot carries, and shims below the feet take out the
-warp that this tells.
+warp that this tells. With ``--calibrated`` the gait is as for calibrated robots.
 
-    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 200] [--spot] [--level]
-        [--replan]
+    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 200] [--calibrated] [--spot]
+        [--level] [--replan]
 """
 
 import argparse
@@ -20,6 +20,7 @@ import dataclasses
 import numpy as np
 
 from limb_systems import simulate
+from limb_systems.limb_parameters import CalibrationRecord
 from planners import PlanningError
 from walking import Gait, Robot, RobotParameters, plan_gait
 from walking.commands.gaits import MIN_KEPT_STRIDE_SHARE, replan_gait
@@ -81,12 +82,16 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=10)
     parser.add_argument("--replan", action="store_true", help="plan anew where a stride is < 0.9")
     parser.add_argument("--level", action="store_true", help="weigh the feet, and shim them")
+    parser.add_argument("--calibrated", action="store_true", help="robots as if calibrated")
     parser.add_argument("--spot", action="store_true", help="turn on the spot")
     parser.add_argument("--only", type=int, nargs="+", help="draws (default: the first ones)")
     parser.add_argument("--stiffness", type=float, nargs="+", default=[2e4, 1e3, 200.0])
     options = parser.parse_args()
     for stiffness in options.stiffness:
         robot = RobotParameters.in_space(4)
+        if options.calibrated:
+            for limb in robot.limbs:
+                limb.parameters.calibration = CalibrationRecord([], [], [], [])
         damping = robot.feet.damping / robot.feet.stiffness * stiffness
         robot.feet = dataclasses.replace(robot.feet, stiffness=stiffness, damping=damping)
         request = GaitRequest(temperature_margin=MARGIN, spread=False, explain=False)
