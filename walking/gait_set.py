@@ -17,6 +17,7 @@ from limb_systems.progress import Progress
 from planners.transcription.solving import PlanningError
 from walking.gait import Gait
 from walking.gait_planning import plan_gait
+from walking.gait_program import STICKING_SHARE
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
 from walking.schedules import Schedule, candidate_schedules
@@ -87,9 +88,16 @@ def plan_gaits(
 def _plan_arc(
     robot: RobotParameters, sign: float, ahead: Gait, request: GaitRequest
 ) -> Gait | None:
-    """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own."""
+    """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own.
+
+    With the share of friction that calibrated robots use ahead, few have gaits along arcs.
+    """
     request = dataclasses.replace(
-        request, turn=sign * ARC_TURN, schedule=ahead.schedule, near=ahead
+        request,
+        turn=sign * ARC_TURN,
+        schedule=ahead.schedule,
+        near=ahead,
+        sticking_share=request.sticking_share or STICKING_SHARE,
     )
     for first in (ahead, None):
         with contextlib.suppress(PlanningError):
