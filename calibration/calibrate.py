@@ -420,13 +420,15 @@ def _load_usable(
 
     Heated ones are in pieces unless ``by_paper``.
     """
+    where = ""
     if isinstance(source, (str, Path)):
+        where = f" in {source}; soft-limb collect or import writes them"
         source, remarks = read_folder(source)
         left_out += remarks
     # Take the description that most recordings have, unless one is given.
     all_recordings = list(itertools.chain(*source.values()))
     if not all_recordings:
-        raise CalibrationError("There are no recordings.")
+        raise CalibrationError(f"There are no recordings{where}.")
     wire_names = [tuple(recording.parameters.wire_names) for recording in all_recordings]
     usual = wire_names.index(statistics.mode(wire_names))
     described = parameters or all_recordings[usual].parameters

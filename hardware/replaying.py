@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from threadpoolctl import threadpool_limits
 
 from hardware.board.journal import closing, open_journal
 from hardware.board.link import check_heat_is_measured, present_temperature
@@ -326,6 +327,7 @@ def record_with_journal(
     provenance = Provenance.now(limb.parameters, seed)
     options = dataclasses.replace(options, provenance=provenance, real_time=live is not None)
     with (
+        threadpool_limits(1, "blas"),  # matrices are small: more threads would wait for each other
         live_display(builder, live, limb, duty, duration, plan=plan, reference=options.reference),
         open_journal(
             builder,

@@ -193,11 +193,15 @@ def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
         for _ in range(repetitions):
-            learner.update(plant.repeat(learner))
+            repetition = learner.update(plant.repeat(learner))
             errors.append(plant.error(learner))
         assert errors[0] > 1.0
         assert errors[-1] < 0.5 * errors[0]
         assert max(np.diff(errors)) < 0.0
+        # The sensor drifts; the estimate of the distance is nearer to the truth than the reading.
+        distances = [repetition.estimated_distance, repetition.reference_distance]
+        estimated, read = np.abs(np.rad2deg(distances) - errors[-1])
+        assert estimated < 0.5 * read
 
 
 def test_the_mean_distance_counts_where_a_reference_is_out_of_reach(monkeypatch):
