@@ -225,7 +225,7 @@ def _planned_excitations(
         heated = [each for each in chosen if each.name in ("conditioning", "random")]
         motions = [each for each in chosen if each.kind == "motion"]
         chosen = [*heated, *mountings(len(limb.wires)), *motions]
-    plans = []
+    plans: list[PlannedRecording] = []
     for each in chosen:
         collect = functools.partial(collect_excitation, excitation=each)
         pause = each.pause if plans else None  # the first begins cold
