@@ -67,7 +67,7 @@ _OPERATION_BY_CODE = {
     getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()
 }
 # Operations of branches, which only the project's own functions may have.
-_BRANCH_CODES = [ca.OP_FABS, ca.OP_SIGN, ca.OP_LT, ca.OP_LE, ca.OP_IF_ELSE_ZERO]
+_BRANCH_CODES = [ca.OP_SIGN, ca.OP_LT, ca.OP_LE, ca.OP_IF_ELSE_ZERO]
 
 # CasADi evaluates fewer points than these: numpy takes half a microsecond for each instruction.
 FEW_POINTS = 40

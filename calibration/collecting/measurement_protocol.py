@@ -101,8 +101,9 @@ class Knowledge:
         self._motions.append(recording.bend_angle)
         differences = []
         for motion, other_motion in itertools.combinations(self._motions, 2):
-            pairs = zip(motion.T, other_motion.T, strict=False)  # one may be longer
-            differences.append(np.mean([np.linalg.norm(one - other) for one, other in pairs]))
+            length = min(motion.shape[1], other_motion.shape[1])
+            difference = motion[:, :length] - other_motion[:, :length]
+            differences.append(np.linalg.norm(difference, axis=0).mean())
         if differences:
             mean_deg = np.rad2deg(np.mean(differences))
             sentence += f"; motions differ by {mean_deg:.1f}° from each other"
