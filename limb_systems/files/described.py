@@ -50,10 +50,10 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        # Other files of the package say what they are: tables in their first line.
+        # Other files say what they are: tables in their first line, robots by their limbs.
         line = first_line(text)
         kind = line.kind if line else ""
-        if "limbs" not in cls.__dataclass_fields__ and re.search("^limbs:", text, re.MULTILINE):
+        if not hasattr(cls, "wires_of") and re.search("^limbs:", text, re.MULTILINE):
             kind = "robot of several limbs"
         if kind:
             raise ParameterError(
