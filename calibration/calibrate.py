@@ -348,9 +348,8 @@ def calibrate(
         limb.validate()
     # Put the result together, and refuse it if it is no better than the mean.
     sources = {}
-    for kind in all_kinds(limb):
-        if by_kind.get(kind):
-            sources[kind] = [recording.source for recording in by_kind[kind]]
+    for kind in filter(by_kind.get, all_kinds(limb)):
+        sources[kind] = [recording.source for recording in by_kind[kind]]
     calibration = Calibration(
         limb, ambient, stiffness, damping, prediction, heat, force, validation, sources, left_out
     )

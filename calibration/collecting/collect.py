@@ -24,15 +24,13 @@ MAX_EQUILIBRIUM_BEND = np.deg2rad(45.0)  # of equilibria
 SAMPLE_RATE = 20.0  # Hz, but for ring-downs
 RING_DOWN_RATE = 100.0
 FIRST_TOTAL_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
-# s
 CONTACT_DUTY = 0.1
-CONTACT_TIME = 30.0
-CONTACT_PAUSE = 20.0
+CONTACT_TIME = 30.0  # s with duty, of each wire
+CONTACT_PAUSE = 20.0  # s without duty, after each wire
 CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
-# s
 WARM_UP_DUTY = 0.15
-WARM_UP_TIME = 60.0
-WARM_UP_END = 100.0
+WARM_UP_TIME = 60.0  # s with duty
+WARM_UP_END = 100.0  # s
 WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
 
 Collect = TypeVar("Collect", bound=Callable[..., Recording])

@@ -442,7 +442,6 @@ class _FitProblem:
                 around = error - np.nanmedian(error)
                 spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
                 outliers[signal] = ~(np.abs(around) <= OUTLIER_DEVIATIONS * spread)
-                # Products of residuals that are apart by each lag.
                 steps = (predicted.run.times / STEP).astype(int)
                 even_residuals = np.full(steps[-1] + 1, np.nan)
                 even_residuals[steps] = np.where(outliers[signal], np.nan, around)

@@ -1,6 +1,7 @@
 """Descriptions that have a YAML file of their own, and the checks that all of them share."""
 
 import copy
+import dataclasses
 import hashlib
 import math
 import re
@@ -50,10 +51,11 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        # Other files say what they are: tables in their first line, robots by their limbs.
+        # Other files of the package say what they are: tables in their first line.
         line = first_line(text)
         kind = line.kind if line else ""
-        if not hasattr(cls, "wires_of") and re.search("^limbs:", text, re.MULTILINE):
+        fields = {field.name for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        if "limbs" not in fields and re.search("^limbs:", text, re.MULTILINE):
             kind = "robot of several limbs"
         if kind:
             raise ParameterError(
