@@ -355,9 +355,10 @@ def _refuse_replaced_inertia() -> Iterator[None]:
 
     It does so where moments break the triangle inequality, with only a message in its log.
     """
-    # Keep what Drake logs while models are loaded.
+    # Keep what Drake logs of inertia while models are loaded.
     log = logging.getLogger("drake")
     keeper = logging.handlers.BufferingHandler(capacity=10_000)
+    keeper.addFilter(lambda record: "While parsing inertia" in record.getMessage())
     log.addHandler(keeper)
     try:
         yield

@@ -11,7 +11,7 @@ from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
 from limb_systems.smooth_function import SmoothFunction, check_smooth
-from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
+from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, duty_for_rate, runge_kutta
 
 MAX_SETTLING_STEPS = 20  # of Newton's method
 LONGEST_STEP = 0.1  # s, of the integration of cold wires
@@ -197,12 +197,14 @@ class Wires:
         }
 
     def holding_duty(self, states: np.ndarray) -> np.ndarray:
-        """Return D (W,) under which wires of the states (N,) stay at their temperatures."""
+        """Return D (W,) under which wires of the states (N,) stay at their temperatures.
+
+        Where rates are not affine in the duty, it is near it.
+        """
         W = self.num_wires
-        # Rates are affine in the duty: interpolate between off and on.
         rates_off = self.rates(states, np.zeros(W))[:W]
         rates_on = self.rates(states, np.ones(W))[:W]
-        return rates_off / (rates_off - rates_on)
+        return duty_for_rate(0.0, rates_off, rates_on)
 
     def clamp_states(self, states: ca.SX) -> ca.SX:
         """Return states (N,) in symbols, clamped to the ranges of the laws' ``memory``."""

@@ -17,9 +17,10 @@ from calibration.import_logs.columns import MAX_DUTY, Column, ColumnList, read_c
 from calibration.import_logs.evidence import MIN_VOTE, Steps
 from calibration.import_logs.log_signals import bends_of
 from calibration.import_logs.mapping import UNKNOWN, BendColumns, LogMapping, WireColumns
-from calibration.import_logs.points import base_direction, is_clamped_at_first_point, wrapped
+from calibration.import_logs.points import base_direction, is_clamped_at_first_point
 from calibration.import_logs.table import LogError, LogTable
 from calibration.import_logs.words import BEND, DUTY, LEFT, RIGHT, SIDES, TEMPERATURE, Name
+from limb_systems.kinematics import wrap_angle
 from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, MAX_DUTY)
@@ -248,10 +249,24 @@ class Columns:
                 return True
         return False
 
+    def find_inversion(self) -> None:
+        """Invert the heat back if duties are inverted, as other columns respond to the heat.
+
+        A duty is inverted if it rests at its largest number, or if a wire cools with it.
+        """
+        duties = ColumnList(dict.fromkeys(self.duties))
+        for column in duties if duties.moving else ():
+            rests_at_top = (column.present == column.present.max()).mean() > 0.05
+            if (rests_at_top and column.present.min() > 0) or self._cools(column):
+                self.is_inverted = True
+        if self.is_inverted:
+            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
+
     def full_duty(self) -> float:
         """Return the number in the log that means full duty, such as 1, 100 or 255.
 
-        Return 0, and ask a question, if neither names nor numbers of the duties determine it.
+        Return 0, and ask a question, if duties are inverted, or if neither their names nor their
+        numbers determine it.
         """
         duties = ColumnList(dict.fromkeys(self.duties))
         if not duties:
@@ -264,20 +279,13 @@ class Columns:
         tops = duties.moving.each("top")
         full = _full_scale(duties, levels[levels > 0])
         # Duties have mixed units if their largest numbers are too far apart, or if one is a switch
-        # of 0 and 1 and another a share. A duty is inverted if it rests at its largest number, or
-        # if a wire cools with it.
+        # of 0 and 1 and another a share.
         is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops)
         for column in duties:
             is_switch = column.top == 1.0 and np.isin(column.present, [-1.0, 0.0, 1.0]).all()
             is_mixed |= bool(is_switch and min(tops) < 1.0)
-            rests_at_top = (column.present == column.present.max()).mean() > 0.05
-            if (rests_at_top and column.present.min() > 0) or self._cools(column):
-                self.is_inverted = True
         if full and not is_mixed and not self.is_inverted:
             return full
-        # Invert the heat back, as the other columns are found by how they respond to it.
-        if self.is_inverted:
-            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
         kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
         columns = " and ".join(duties.each("text"))
@@ -519,7 +527,7 @@ class Columns:
         if not scale:
             self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
             self.notes.append(f"bend.zero: the first number of {column.text}, {rest:.4g}")
-        elif abs(wrapped(np.array(rest * scale))) > MAX_REST_BEND:
+        elif abs(wrap_angle(rest * scale, 360.0)) > MAX_REST_BEND:
             self.ask("zero", "bend.zero", [f"{rest:g}", "0.0"], columns=column.text)
         else:
             rest = 0.0
@@ -656,6 +664,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     columns = Columns(table, limb, dictionary)
     columns.find_duties()
     columns.find_temperatures()
+    columns.find_inversion()
     full = columns.full_duty()
     columns.pair_wires_with_thermocouples()
     columns.find_units()

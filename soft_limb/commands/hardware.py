@@ -229,9 +229,8 @@ def _board_check(options: argparse.Namespace) -> int:
     with SerialPort(options.port) as cable:
         host = board_check.Host(cable, parameters)
         board_check.check_board(host, add_result)
-    counts = dict.fromkeys(words, 0)
-    for check in checks:
-        counts[check["outcome"]] += 1
+    outcomes = [check["outcome"] for check in checks]
+    counts = {outcome: outcomes.count(outcome) for outcome in words}
     if options.json:
         values = {outcome.replace(" ", "_"): count for outcome, count in counts.items()}
         print_summary(options, Summary.of({}, {**values, "checks": checks}))
@@ -350,8 +349,14 @@ def _learn(options: argparse.Namespace) -> int:
     def print_repetition(number: int, repetition: Repetition) -> None:
         if options.json:
             return
-        distance, error = np.rad2deg([repetition.reference_distance, repetition.mean_error])
+        means = (
+            repetition.reference_distance,
+            repetition.mean_error,
+            repetition.estimated_distance,
+        )
+        distance, error, estimate = np.rad2deg(means)
         parts = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
+        parts.append(f"|φ_ref - φ| without the sensor's drift about {estimate:.2f}°")
         parts += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
@@ -434,6 +439,8 @@ def _teach(options: argparse.Namespace) -> int:
 
 def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
+    if options.one_board and not options.robot:
+        raise LimbError("--one-board is for a robot; give its description (.yaml), too.")
     twin: EmulatedSystem
     limbs = []
     # Emulate a robot, with a board for each limb or for all, or a limb.

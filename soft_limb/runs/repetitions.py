@@ -29,6 +29,7 @@ REST_TIME = 300.0  # s without heat between two repetitions on an emulated limb
 MAX_REST_TIME = 1200.0  # s
 READ_PERIOD = 1.0  # s
 COOL_TOLERANCE = 3.0  # °C; a wire that is warmer than at the start by less is cool
+MAX_LISTED = 10  # earlier repetitions that the live page lists
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
@@ -66,7 +67,13 @@ def repeat(
         else:
             limb = limb_of_repetition()
             if live:
-                live.say(f"Repetition {number} of {repetitions}")
+                sentence = f"Repetition {number} of {repetitions}"
+                if distances := [each.reference_distance for each in learner.repetitions]:
+                    listed = ", ".join(
+                        f"{np.rad2deg(each):.2f}°" for each in distances[-MAX_LISTED:]
+                    )
+                    sentence += f"; mean distance from the reference before: {listed}"
+                live.say(sentence)
             before = unfinished_files(path)
             try:
                 recording = record_replay(
