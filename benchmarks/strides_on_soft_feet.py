@@ -5,10 +5,12 @@ stride is then simulated in MuJoCo, with the heat held to the plan, on robots of
 each limb differ by up to 10%, rest angles by 0.5°, friction by 30%, and hips by 1 mm in height and
 place.
 
-With ``--level`` a scale of 1 g weighs what each foot of the standing robot carries, and shims below
-the feet take out the warp that this tells.
+With ``--spot`` the robot turns on the spot, by the gait of `plan_gaits`. With ``--level`` a scale
+of 1 g weighs what each foot of the standing robot carries, and shims below the feet take out the
+warp that this tells. With ``--calibrated`` the gait is as for calibrated robots.
 
-    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 200] [--level] [--replan]
+    python benchmarks/strides_on_soft_feet.py [--draws 10] [--stiffness 200] [--calibrated] [--spot]
+        [--level] [--replan]
 """
 
 import argparse
@@ -18,12 +20,21 @@ import dataclasses
 import numpy as np
 
 from limb_systems import simulate
+from limb_systems.limb_parameters import CalibrationRecord
 from planners import PlanningError
 from walking import Gait, Robot, RobotParameters, plan_gait
 from walking.commands.gaits import MIN_KEPT_STRIDE_SHARE, replan_gait
-from walking.gait_check import scale_limb, simulate_gait, with_friction
+from walking.gait_check import (
+    scale_limb,
+    simulate_gait,
+    warp_pattern,
+    with_friction,
+    with_warp_and_friction,
+)
+from walking.gait_request import GaitRequest
+from walking.gait_set import plan_spot_turn
 from walking.in_mujoco import simulate_in_mujoco
-from walking.strides import fit_strides, warp_pattern, with_warp_and_friction
+from walking.strides import fit_strides
 
 MARGIN = 5.0  # °C
 HIPS = 1e-3  # m
@@ -71,19 +82,29 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=10)
     parser.add_argument("--replan", action="store_true", help="plan anew where a stride is < 0.9")
     parser.add_argument("--level", action="store_true", help="weigh the feet, and shim them")
+    parser.add_argument("--calibrated", action="store_true", help="robots as if calibrated")
+    parser.add_argument("--spot", action="store_true", help="turn on the spot")
     parser.add_argument("--only", type=int, nargs="+", help="draws (default: the first ones)")
     parser.add_argument("--stiffness", type=float, nargs="+", default=[2e4, 1e3, 200.0])
     options = parser.parse_args()
     for stiffness in options.stiffness:
         robot = RobotParameters.in_space(4)
+        if options.calibrated:
+            for limb in robot.limbs:
+                limb.parameters.calibration = CalibrationRecord([], [], [], [])
         damping = robot.feet.damping / robot.feet.stiffness * stiffness
         robot.feet = dataclasses.replace(robot.feet, stiffness=stiffness, damping=damping)
+        request = GaitRequest(temperature_margin=MARGIN, spread=False, explain=False)
         try:
-            gait = plan_gait(robot, temperature_margin=MARGIN, spread=False, explain=False)
+            gait = (
+                plan_spot_turn(robot, 1.0, request) if options.spot else plan_gait(robot, request)
+            )
         except PlanningError as error:
             print(f"{stiffness:g} N/m: {error}", flush=True)
             continue
         print(f"{stiffness:g} N/m: {gait!r}", flush=True)
+        if gait is None:
+            continue
         for seed in options.only or range(options.draws):
             other = drawn(robot, seed)
             if options.level:

@@ -5,6 +5,7 @@ import copy
 import dataclasses
 import functools
 import itertools
+import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -290,12 +291,11 @@ def calibrate(
         # Leave out unusable recordings and cut the others in pieces.
         by_kind, heated, limb, described = _load_usable(recordings, parameters, by_paper, left_out)
         segment = only_segment(limb)
-
+        all_heated = list(itertools.chain(*heated.values()))
         # Ask if recordings contradict the described sides of the wires.
         if not by_paper:
             report_step("directions of the wires")
-            runs = [HeatedRun.of(recording) for recording in itertools.chain(*heated.values())]
-            directions = wire_directions(runs, segment)
+            directions = wire_directions(list(map(HeatedRun.of, all_heated)), segment)
             for direction in directions:
                 announce(str(direction))
             if not as_described:
@@ -305,11 +305,10 @@ def calibrate(
         all_recordings = list(itertools.chain(*by_kind.values()))
         ambient = ambient_temperature(all_recordings)
         limb.ambient_temperature = ambient.value
-        with_readings = [r for r in itertools.chain(*heated.values()) if r.has_thermocouple.any()]
-        if with_readings:
+        if with_readings := [each for each in all_heated if each.has_thermocouple.any()]:
             _fit_heat_bounds(limb, with_readings, described)
-        resting = [*by_kind.get("ring_down", []), *itertools.chain(*heated.values())]
-        rest, *rest_angles_e3 = rest_angles(all_recordings if by_paper else resting, ambient.value)
+        resting = all_recordings if by_paper else [*by_kind.get("ring_down", []), *all_heated]
+        rest, *rest_angles_e3 = rest_angles(resting, ambient.value)
         if not by_paper or abs(rest.value) > MAX_REST_ANGLE:
             segment.rest_angle = rest.value
         for estimate in rest_angles_e3:
@@ -325,36 +324,19 @@ def calibrate(
                 _limit_counted_heat(limb, result.fit, counted_limit)
             return result
 
-        # Sec. V-A
-        stiffness = prediction = validation = None
-        report_step("stiffness")
-        if segment.axes == 1:
-            error = rest.standard_error if segment.rest_angle == rest.value else 0.0
-            fit_sag = functools.partial(fit_stiffness, limb, rest_error=error)
-            stiffness = _fit_if_possible(fit_sag, "sag", by_kind, left_out)
-        else:  # mountings tell k together with the wires' directions
+        # Fit the mechanics; in space, mountings tell k together with the wires' directions.
+        report_step("stiffness and damping")
+        prediction = validation = None
+        if segment.axes > 1:
             prediction = predicted({"sag": by_kind.get("sag", []), **heated})
-        if stiffness:
-            segment.stiffness = stiffness.stiffness.value
-        # Sec. V-B
-        report_step("damping")
-        fit_swing = functools.partial(fit_damping, limb)
-        damping = _fit_if_possible(fit_swing, "ring_down", by_kind, left_out)
-        if damping:
-            segment.damping = damping.damping.value
-            if stiffness:
-                sensor = remarks_on_sensor(limb, by_kind["sag"], stiffness, damping)
-                damping.remarks.extend(sensor)
-                if not by_paper:
-                    stiffness = with_ringing(stiffness, damping)
-                    segment.stiffness = stiffness.stiffness.value
-        # Secs. V-C and V-D
+        stiffness, damping = _fit_mechanics(limb, by_kind, rest, by_paper, left_out)
+        # Fit the wires, and validate.
         heat = list[HeatFit]()
         force = list[ForceFit]()
         if by_paper:
             spring = stiffness.stiffness if stiffness else None
-            for index in range(len(segment.wires)):
-                report_step(f"heat of the {segment.wires[index].name} wire")
+            for index, wire in enumerate(segment.wires):
+                report_step(f"heat of the {wire.name} wire")
                 transfer, torque = _fit_wire(limb, index, heated, ambient, spring, left_out)
                 heat.append(transfer)
                 force.append(torque)
@@ -366,9 +348,8 @@ def calibrate(
         limb.validate()
     # Put the result together, and refuse it if it is no better than the mean.
     sources = {}
-    for kind in all_kinds(limb):
-        if by_kind.get(kind):
-            sources[kind] = [recording.source for recording in by_kind[kind]]
+    for kind in filter(by_kind.get, all_kinds(limb)):
+        sources[kind] = [recording.source for recording in by_kind[kind]]
     calibration = Calibration(
         limb, ambient, stiffness, damping, prediction, heat, force, validation, sources, left_out
     )
@@ -376,6 +357,35 @@ def calibrate(
     with _noting_left_out(left_out):
         _check_better_than_mean(calibration)
     return calibration
+
+
+def _fit_mechanics(
+    limb: LimbParameters,
+    by_kind: dict[str, list[Recording]],
+    rest: Estimate,
+    by_paper: bool,
+    left_out: list[Remark],
+) -> tuple[StiffnessFit | None, DampingFit | None]:
+    """Fit k in a plane by Sec. V-A and σ by Sec. V-B, if recordings tell them, and set them."""
+    segment = only_segment(limb)
+    stiffness = None
+    if segment.axes == 1:
+        error = rest.standard_error if segment.rest_angle == rest.value else 0.0
+        fit_sag = functools.partial(fit_stiffness, limb, rest_error=error)
+        stiffness = _fit_if_possible(fit_sag, "sag", by_kind, left_out)
+    if stiffness:
+        segment.stiffness = stiffness.stiffness.value
+    fit_swing = functools.partial(fit_damping, limb)
+    damping = _fit_if_possible(fit_swing, "ring_down", by_kind, left_out)
+    if damping:
+        segment.damping = damping.damping.value
+    # Compare the sag with the ring-down; by prediction, both tell k.
+    if stiffness and damping:
+        damping.remarks.extend(remarks_on_sensor(limb, by_kind["sag"], stiffness, damping))
+        if not by_paper:
+            stiffness = with_ringing(stiffness, damping)
+            segment.stiffness = stiffness.stiffness.value
+    return stiffness, damping
 
 
 def _check_better_than_mean(calibration: Calibration) -> None:
@@ -410,18 +420,18 @@ def _load_usable(
 
     Heated ones are in pieces unless ``by_paper``.
     """
+    where = ""
     if isinstance(source, (str, Path)):
+        where = f" in {source}; soft-limb collect or import writes them"
         source, remarks = read_folder(source)
         left_out += remarks
     # Take the description that most recordings have, unless one is given.
     all_recordings = list(itertools.chain(*source.values()))
     if not all_recordings:
-        raise CalibrationError("There are no recordings.")
+        raise CalibrationError(f"There are no recordings{where}.")
     wire_names = [tuple(recording.parameters.wire_names) for recording in all_recordings]
-    described = (
-        parameters
-        or all_recordings[wire_names.index(max(wire_names, key=wire_names.count))].parameters
-    )
+    usual = wire_names.index(statistics.mode(wire_names))
+    described = parameters or all_recordings[usual].parameters
     usable_by_kind = select_usable(source, described, whole=by_paper)
     left_out += usable_by_kind.left_out
     # Cut heated recordings in pieces, and restore rows that the logger lost.
@@ -430,24 +440,8 @@ def _load_usable(
     heated = {}
     for kind in (*heated_kinds(described), *(() if by_paper else FREE_KINDS)):
         heated[kind] = pieces.get(kind, [])
-    # The method of the paper needs a plane, a recording and a thermocouple of each wire.
     if by_paper:
-        if only_segment(described).axes > 1:
-            raise CalibrationError(
-                "The paper's method is one for limbs that bend in a plane; calibrate this one with "
-                "method prediction."
-            )
-        for index, wire in enumerate(described.wire_names):
-            if not heated[wire]:
-                raise CalibrationError(
-                    f"There is no recording with only the {wire} wire heated; its heat transfer "
-                    "and force cannot be told."
-                )
-            if not any(recording.has_thermocouple[index] for recording in heated[wire]):
-                raise CalibrationError(
-                    f"No thermocouple reads the {wire} wire, as the paper's method needs; bond one "
-                    "to it, or calibrate with method prediction."
-                )
+        _check_suits_paper(heated, described)
     all_recordings = list(itertools.chain(*heated.values()))
     if not all_recordings:
         raise CalibrationError("There is no recording with heat, which tells the wires' laws.")
@@ -462,6 +456,26 @@ def _load_usable(
         limb.payload = mounting.payload
     limb.calibration = None  # until this one is done
     return recordings, heated, limb, described
+
+
+def _check_suits_paper(heated: RecordingsByKind, described: LimbParameters) -> None:
+    """Raise CalibrationError without a plane, or a recording and a thermocouple of each wire."""
+    if only_segment(described).axes > 1:
+        raise CalibrationError(
+            "The paper's method is one for limbs that bend in a plane; calibrate this one with "
+            "method prediction."
+        )
+    for index, wire in enumerate(described.wire_names):
+        if not heated[wire]:
+            raise CalibrationError(
+                f"There is no recording with only the {wire} wire heated; its heat transfer "
+                "and force cannot be told."
+            )
+        if not any(recording.has_thermocouple[index] for recording in heated[wire]):
+            raise CalibrationError(
+                f"No thermocouple reads the {wire} wire, as the paper's method needs; bond one "
+                "to it, or calibrate with method prediction."
+            )
 
 
 def _with_lost_rows(recordings: RecordingsByKind) -> dict[str, list[Recording]]:

@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from calibration.prediction.baselines import DELAYS, heat_by_duty
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.remarks import CalibrationError
 from limb_systems import LimbParameters, SegmentParameters, WireParameters
+from limb_systems.kinematics import wrap_angle
 
 CHANGE_TIME = 4.0  # s, whose changes count: the angle at rest drifts more slowly
 HEAT_POWERS = (1, 2, 3)  # of the heat, as torque sets in at a threshold
@@ -105,8 +105,8 @@ def wire_directions(runs: Sequence[HeatedRun], segment: SegmentParameters) -> li
         directions.append(
             WireDirection(
                 segment.wires[wire].name,
-                _wrapped(angle),
-                _wrapped(angle - described),
+                wrap_angle(angle),
+                wrap_angle(angle - described),
                 float(np.hypot(ERROR_WIDENING * error / size, PLACEMENT_ERROR)),
                 delay,
                 float(np.corrcoef(share, wire_heat)[0, 1]) if share.any() else 0.0,
@@ -129,11 +129,11 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     # All wires may be off by the same turn of the sensor.
     if segment.axes > 1 and len(directions) > 1:
         turn = float(np.angle(np.sum(np.exp(1j * angle_errors) / errors**2)))
-        remaining_errors = np.abs(_wrapped(angle_errors - turn))
+        remaining_errors = np.abs(wrap_angle(angle_errors - turn))
         turn_error = float(1 / np.sqrt(np.sum(1 / errors**2)))
         is_same_turn = (remaining_errors < np.maximum(SAME_TURN_ANGLE, 2 * errors)).all()
         if is_same_turn and abs(turn) + turn_error > MAX_ANGLE_ERROR:
-            segment.bend_sensor.roll = _wrapped(segment.bend_sensor.roll - turn)
+            segment.bend_sensor.roll = wrap_angle(segment.bend_sensor.roll - turn)
             roll = np.rad2deg(segment.bend_sensor.roll)
             raise WrongDescriptionError(
                 f"By the recordings all wires are {np.rad2deg(turn):+.0f} ± "
@@ -153,7 +153,7 @@ def check_directions(directions: Sequence[WireDirection], limb: LimbParameters) 
     exchanged = described[np.newaxis]
     if len(wires) <= MAX_EXCHANGED_WIRES:
         exchanged = np.array(list(itertools.permutations(described)))
-    angle_errors = np.abs(_wrapped(measured - exchanged))
+    angle_errors = np.abs(wrap_angle(measured - exchanged))
     best = int(np.argmin(((angle_errors / errors) ** 2).sum(axis=1)))
     places = exchanged[best]
     if (angle_errors[best] - errors > MAX_ANGLE_ERROR).any():
@@ -185,11 +185,11 @@ def _exchangeable_wires(
     doubtful: dict[str, WireDirection] = {}
     for one, other in itertools.combinations(segment.wires, 2):
         # Compare how well both wires fit where they are described, and exchanged.
-        between = _wrapped(_described_angle(one, segment) - _described_angle(other, segment))
+        between = wrap_angle(_described_angle(one, segment) - _described_angle(other, segment))
         chi_square = 0.0
         for wire, turn in ((one, between), (other, -between)):
             if direction := by_name.get(wire.name):
-                squares = _wrapped(direction.off + turn) ** 2 - direction.off**2
+                squares = wrap_angle(direction.off + turn) ** 2 - direction.off**2
                 chi_square += squares / direction.error**2
         if between and chi_square < MIN_CHI_SQUARE:
             doubtful |= {name: by_name[name] for name in (one.name, other.name) if name in by_name}
@@ -208,8 +208,3 @@ def _changes(run: HeatedRun, signal: np.ndarray) -> np.ndarray:
     later = np.searchsorted(run.times, run.times + CHANGE_TIME - STEP / 2)
     early = np.flatnonzero(later < len(run.times))
     return signal[later[early]] - signal[early]
-
-
-def _wrapped(angle: Any) -> Any:
-    """Return an angle, or angles, above -π and up to π."""
-    return np.pi - (np.pi - angle) % (2 * np.pi)

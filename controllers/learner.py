@@ -58,7 +58,7 @@ MIN_CHANGE_SHARE = 0.05  # of the sensor's error; another repetition must change
 MAX_INTERRUPTED = 3  # in a row
 MAX_FAILURES = 5  # in a row, interrupted or not better
 MIN_STEP_SIZE = 0.25  # of a step, after repetitions that were not better
-_FIRST_LINE = f"{FirstLine('learning', 6)}, sha256 "
+_FIRST_LINE = f"{FirstLine('learning', 7)}, sha256 "
 
 
 def ornstein_uhlenbeck(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
@@ -159,6 +159,8 @@ class Repetition:
 
     - ``reference_distance``, ``mean_error``: means of |φ_ref - φ| and of |φ* - φ| as it was
       read, rad; until it ended.
+    - ``estimated_distance``: the former without noise and drift of the sensor, as the model and all
+      repetitions until then explain them, rad.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: the consequence, if it was interrupted or undone; else empty.
     - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection` (M + 1, W).
@@ -170,6 +172,7 @@ class Repetition:
 
     reference_distance: float
     mean_error: float
+    estimated_distance: float
     interrupted: str
     remark: str
     correction: np.ndarray
@@ -341,7 +344,7 @@ class Learner:
         elif best_belief and belief.error > best_belief.error + self._error_tolerance:
             remark = f"farther from the reference than the sensor's errors explain; {back}"
         self._belief = best_belief if remark and best_belief else belief
-        repetition = dataclasses.replace(repetition, remark=remark)
+        repetition = dataclasses.replace(repetition, remark=remark, estimated_distance=belief.error)
         self.repetitions[-1] = repetition
         # Improve the correction, with a shorter step after repetitions that were undone.
         errors = self._belief.errors
@@ -398,6 +401,7 @@ class Learner:
         return Repetition(
             reference_distance=distances.measured,
             mean_error=tracking_errors(self.trajectory, [recording]).mean,
+            estimated_distance=np.nan,  # until it is learned
             interrupted=interrupted,
             remark="",
             correction=program.correction_of(applied, self.correction),

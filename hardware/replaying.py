@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from threadpoolctl import threadpool_limits
 
 from hardware.board.journal import closing, open_journal
 from hardware.board.link import check_heat_is_measured, present_temperature
@@ -316,8 +317,6 @@ def record_with_journal(
 ) -> Recording:
     """Record a limb as `limb_systems.simulation.record`, with a journal and on a page if given.
 
-    A robot is closed at the end, also after an error.
-
     Args:
         builder, limb, duty, duration, options: as for `record`.
         journal, live: as for `replay`.
@@ -328,7 +327,7 @@ def record_with_journal(
     provenance = Provenance.now(limb.parameters, seed)
     options = dataclasses.replace(options, provenance=provenance, real_time=live is not None)
     with (
-        closing(limb),
+        threadpool_limits(1, "blas"),  # matrices are small: more threads would wait for each other
         live_display(builder, live, limb, duty, duration, plan=plan, reference=options.reference),
         open_journal(
             builder,

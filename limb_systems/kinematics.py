@@ -3,6 +3,8 @@
 Angles are in rad; `limb_systems.symbolic_chain` defines the frames.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -10,6 +12,11 @@ from limb_systems.limb_model import LimbModel
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.smooth_function import build_once
 from limb_systems.symbolic_chain import tip_position_function
+
+
+def wrap_angle(angle: Any, turn: float = 2 * np.pi) -> Any:
+    """Return an angle, or angles, above minus half a turn and up to half a turn, in its unit."""
+    return turn / 2 - (turn / 2 - angle) % turn
 
 
 def tip_position(parameters: LimbParameters | LimbModel, joint_angles: ArrayLike) -> np.ndarray:

@@ -73,6 +73,17 @@ class NumericFunction:
         return np.stack([self._of_point(point) for point in points.T], axis=-1)
 
 
+def check_affine(law: WireLaw) -> None:
+    """Raise LimbError unless the rates of a law at half duty are midway between off and on."""
+    states = np.array(law.warm_states(60.0, 20.0), float)
+    off, half, on = (np.array(law.rates(states, duty, 20.0)) for duty in np.array([0.0, 0.5, 1.0]))
+    if not np.allclose(half, (off + on) / 2, rtol=1e-6):
+        raise LimbError(
+            f"The rates of {type(law).__name__} are not affine in the duty. State them in a duty "
+            "to which the heat is proportional, as in PWM, and convert it where your board sets it."
+        )
+
+
 def check_symbols(law: WireLaw) -> None:
     """Raise LimbError if a law gives other values with symbols than with numbers.
 
@@ -90,6 +101,11 @@ def check_symbols(law: WireLaw) -> None:
     # A word or a switch may choose other equations. Numbers are expected not to.
     switches = []
     for field in dataclasses.fields(law):  # type: ignore[arg-type]
+        if field.default is field.default_factory is dataclasses.MISSING:
+            raise LimbError(
+                f"The field {field.name} of {type(law).__name__} has no default, from which fits "
+                "and checks start; give it one."
+            )
         if not isinstance(field.default, float):
             switches.append(getattr(law, field.name))
     if isinstance(build_once(("checked", type(law), repr(switches)), build), NumericFunction):

@@ -7,6 +7,8 @@ from limb_systems.layout import Layout
 from limb_systems.limb_parameters import LimbParameters, SegmentParameters
 from limb_systems.segment_chain import SegmentChain
 
+ANGLE_SCALE = 0.1  # rad, a typical change of a joint, which solvers scale to one
+
 
 class LimbMechanics:
     """Joints and bodies of a limb of S segments, n joints, W wires, F bends and B bodies.

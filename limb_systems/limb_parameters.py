@@ -269,14 +269,14 @@ class EmulatedLimb(BoardIdentity):
     def identity(self) -> str:
         """A text of the fields, by which limbs differ.
 
-        A field after ``extra`` is left out at its default value. If a later version adds a field,
-        all other limbs keep their numbers.
+        A field after ``extra`` has its name, and is left out at its default value. If a later
+        version adds a field, all other limbs keep their numbers.
         """
-        counted = [self.seed, self.description, self.absent, self.extra]
+        counted: list[object] = [self.seed, self.description, self.absent, self.extra]
         for field in dataclasses.fields(self)[len(counted) :]:
             value = getattr(self, field.name)
             if value and value != field.default:
-                counted.append(value)
+                counted.append((field.name, value))
         return repr(tuple(counted))
 
     @property

@@ -45,7 +45,6 @@ MAX_STEP_SIZE = 0.1  # s
 # more accurately than with smaller steps. With three times as large steps, Newton's method finds
 # no solution where a stiff limb is released from a right angle.
 MIN_STEP_SIZE = 5e-4  # s
-SWING_ACCURACY = 1e-3  # of an amplitude: after 30 periods the energy is right within 0.3%
 JUMP_MARGIN = 1e-9  # s, before and after a jump of the duty, where steps end and begin
 MIN_DUTY_JUMP = 1e-6  # of duty
 MIN_PULSE_DURATION = 1e-3  # s, of duty that is worth its simulation
@@ -73,7 +72,7 @@ def simulate(
         sample_rate: rate of the recording, Hz.
         accuracy: accuracy of the implicit integrator, an absolute error of each state in
             a step: °C, rad and rad/s; the system's own if None. Swings that are not much
-            larger are damped; use `swing_accuracy` to keep them.
+            larger are damped; a thousandth of their amplitude keeps their energy within 0.3%.
         initial_state: all continuous states of the system, of a `Robot` its state; by default
             the state of its default context: for a `Limb` at rest and at ambient.
 
@@ -328,11 +327,6 @@ def check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
         raise SimulationError(
             f"duty reaches from {values.min():g} to {values.max():g}; it must stay within 0 and 1."
         )
-
-
-def swing_accuracy(amplitude: float) -> float:
-    """Return the accuracy at which swings of an amplitude of the joints, rad, keep their energy."""
-    return min(ACCURACY, SWING_ACCURACY * amplitude)
 
 
 def sample_count(duration: float, rate: float) -> int:

@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.law_functions import check_symbols
+from limb_systems.law_functions import check_affine, check_symbols
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
 from limb_systems.smooth_function import SmoothFunction, check_smooth
-from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, runge_kutta
+from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, duty_for_rate, runge_kutta
 
 MAX_SETTLING_STEPS = 20  # of Newton's method
 SETTLING_TOLERANCE = 1e-10  # of a state, in its unit
@@ -112,6 +112,7 @@ class Wires:
         check_smooth(self.symbolic_force)
         for law in laws:
             check_symbols(law)
+            check_affine(law)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))
@@ -200,10 +201,9 @@ class Wires:
     def holding_duty(self, states: np.ndarray) -> np.ndarray:
         """Return D (W,) under which wires of the states (N,) stay at their temperatures."""
         W = self.num_wires
-        # Rates are affine in the duty: interpolate between off and on.
         rates_off = self.rates(states, np.zeros(W))[:W]
         rates_on = self.rates(states, np.ones(W))[:W]
-        return rates_off / (rates_off - rates_on)
+        return duty_for_rate(0.0, rates_off, rates_on)
 
     def clamp_states(self, states: ca.SX) -> ca.SX:
         """Return states (N,) in symbols, clamped to the ranges of the laws' ``memory``."""

@@ -17,10 +17,10 @@ import casadi as ca
 import numpy as np
 
 from limb_systems import LimbError, Trajectory, split_state
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.wires import Wires, among_zeros
 from planners.recurrence import LinearRecurrence
-from planners.transcription.collocation import ANGLE_SCALE
 
 MAX_STEP = 0.1  # s
 CONVERGENCE_TOLERANCE = 1e-5  # of the scales of the states; the next step would be far smaller

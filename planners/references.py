@@ -48,7 +48,10 @@ def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomia
         )
     bad = ~np.isfinite(times) | ~np.isfinite(angles).all(axis=0)
     if bad.any():
-        raise LimbError(f"The reference is not finite at its sample {int(np.argmax(bad))}.")
+        row = int(np.argmax(bad))
+        numbers = [times[row], *np.rad2deg(angles[:, row])]
+        texts = ", ".join(f"{number:g}" for number in numbers)
+        raise LimbError(f"Row {row + 1} of the reference is {texts} (s, °); give numbers.")
     if (np.diff(times) <= 0).any():
         index = int(np.argmax(np.diff(times) <= 0))
         raise LimbError(

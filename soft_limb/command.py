@@ -197,7 +197,10 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         if not received_signals and not isinstance(error, LimbError | OSError | MemoryError):
             raise
         if not received_signals:
-            print("\n".join([f"error: {error}", *getattr(error, "__notes__", [])]), file=sys.stderr)
+            text = str(error)
+            if isinstance(error, OSError) and error.filename:
+                text = f"Cannot use {error.filename}: {error.strerror}."
+            print("\n".join([f"error: {text}", *getattr(error, "__notes__", [])]), file=sys.stderr)
         status = 1
     finally:
         for number, handler in previous_handlers.items():

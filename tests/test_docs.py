@@ -190,6 +190,7 @@ def exists(symbol):
     return False
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("package", PACKAGES)
 def test_snippets_run(package, tmp_path, monkeypatch, gait, gait_in_space):
     """With gaits that are made up, few knots, short recordings and one law, as all take long."""

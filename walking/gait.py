@@ -54,6 +54,16 @@ class GaitVariation:
     fall: str = ""
     aside: list[float] = dataclasses.field(default_factory=list)
 
+    @property
+    def settled_strides(self) -> list[float]:
+        """The strides after the first, which is still settling; the first if it is the only one."""
+        return self.strides[1:] or self.strides
+
+    @property
+    def settled_aside(self) -> list[float]:
+        """The travel aside in the same cycles."""
+        return self.aside[1:] or self.aside
+
 
 @dataclasses.dataclass
 class GaitCheck:
@@ -105,15 +115,13 @@ class GaitCheck:
             return "it was never checked by simulating it."
         if self.simulation.fall:
             return f"the robot falls in simulation: {self.simulation.fall}."
-        settled = self.simulation.strides[1:] or self.simulation.strides
-        worst = max(settled, key=lambda share: abs(share - 1))
+        worst = max(self.simulation.settled_strides, key=lambda share: abs(share - 1))
         if not abs(worst - 1) <= self.tolerance:
             return (
                 f"in simulation a stride is {worst:.1%} of the planned one, which misses it by "
                 f"more than {self.tolerance:.0%}."
             )
-        asides = self.simulation.aside[1:] or self.simulation.aside
-        if (aside := max(asides, default=0.0)) > ASIDE_TOLERANCE:
+        if (aside := max(self.simulation.settled_aside, default=0.0)) > ASIDE_TOLERANCE:
             return (
                 f"in simulation it goes or turns aside by {aside:.1%} of the planned stride, more "
                 f"than {ASIDE_TOLERANCE:.0%}."

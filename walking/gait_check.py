@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.linalg import null_space
 
 from limb_systems import LimbParameters, Recording, simulate
 from limb_systems.simulation import PERIOD, SimulationError
@@ -27,6 +28,7 @@ PARAMETER_VARIATION = 0.1  # share by which parameters are varied
 # On calibrated limbs the ratio varies by this share of PARAMETER_VARIATION.
 RATIO_VARIATION_SHARE = 0.5
 NUM_DRAWS = 4  # of varied parameters
+EXPECTED_WARP = 1e-3  # m, of four feet of a robot whose hips are within 1 mm
 FALL_TILT = np.deg2rad(60.0)
 UNLOADED_SHARE = 1e-3  # of the weight, on a foot that carries nothing
 BODY_CONTACT_HEIGHT = 2e-3  # m, of a corner of a body that is on the ground
@@ -48,7 +50,8 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     others, or for as many as in MuJoCo if the strides are within 1% of the tolerance. For the
     spread, two cycles each are simulated in MuJoCo with 0.7 and 1.3 times the friction of the
     ground, and with four draws of the parameters, see `with_varied_parameters`. In space cooling
-    and heating are not varied, because `HeatFeedback` holds the heat of the gait there.
+    and heating are not varied, because `HeatFeedback` holds the heat of the gait there; but four
+    and more feet are warped by 1 mm, either way.
 
     Args:
         gait: as planned; the property ``passed`` of the returned gait is the result.
@@ -121,6 +124,11 @@ def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotPa
         change = f"parameters +-{PARAMETER_VARIATION:.0%}, draw {number}"
         has_feedback_of_heat = robot.body.mount == "free"
         varied.append((change, with_varied_parameters(robot, rng, heat=not has_feedback_of_heat)))
+    # Three feet stand on any ground, and the feet of a plane's robot are in a line.
+    if robot.body.mount == "free" and warp_pattern(robot).any():
+        for warp in (-EXPECTED_WARP, EXPECTED_WARP):
+            change = f"feet warped by {1e3 * warp:+g} mm"
+            varied.append((change, with_warp_and_friction(robot, warp, 0.0)))
     return varied
 
 
@@ -130,6 +138,30 @@ def with_friction(robot: RobotParameters, factor: float) -> RobotParameters:
     assert robot.ground is not None  # of robots that walk
     robot.ground.friction *= factor
     return robot
+
+
+def with_warp_and_friction(
+    robot: RobotParameters, warp: float, logarithm: float
+) -> RobotParameters:
+    """Return a copy of a robot with other hips and friction.
+
+    Args:
+        warp: h1 - h2 - h3 + h4 of four hips that are raised and lowered by turns, m.
+        logarithm: logarithm of the multiple of friction.
+    """
+    robot = with_friction(robot, float(np.exp(logarithm)))
+    for limb, raised in zip(robot.limbs, 0.25 * warp * warp_pattern(robot), strict=True):
+        limb.position = [*limb.position[:2], limb.position[2] + float(raised)]
+    return robot
+
+
+def warp_pattern(robot: RobotParameters) -> np.ndarray:
+    """Return heights of hips (L,), of rms 1, that no plane has; zero of three hips."""
+    places = robot.hips[:, :2]
+    patterns = null_space(np.column_stack([np.ones(len(places)), places]).T)
+    if not patterns.size:
+        return np.zeros(len(places))
+    return patterns[:, 0] * np.sqrt(len(places)) * np.sign(patterns[0, 0])
 
 
 def with_varied_parameters(

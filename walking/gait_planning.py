@@ -22,6 +22,8 @@ from walking.gait_program import (
     MIN_LOAD_SHARE,
     GaitProgram,
     default_steadiness,
+    default_sticking_share,
+    is_calibrated,
 )
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
@@ -100,6 +102,9 @@ def plan_gait(
     elif robot.body.mount != "free":
         schedules = schedules[:1]
     steadiness = default_steadiness(robot) if request.steadiness is None else request.steadiness
+    sticking_share = request.sticking_share
+    if sticking_share is None:
+        sticking_share = default_sticking_share(robot)
     # Take the first schedule that gives a gait.
     for number, schedule in enumerate(schedules, 1):
         check_schedule(schedule, robot)
@@ -112,7 +117,7 @@ def plan_gait(
             intervals=np.diff(knots).tolist(),
             objective=request.objective if request.speed is None else "energy",
             temperature_margin=request.temperature_margin,
-            sticking_share=request.sticking_share,
+            sticking_share=sticking_share,
             begins_as=request.begins_as,
         )
         is_last = number == len(schedules)
@@ -401,6 +406,14 @@ def _with_smoothed_laws(robot: RobotParameters) -> RobotParameters:
     return robot
 
 
+def _without_calibration(robot: RobotParameters) -> RobotParameters:
+    """Return a copy of a robot whose limbs are as if they were only described."""
+    robot = copy.deepcopy(robot)
+    for limb in robot.limbs:
+        limb.parameters.calibration = None
+    return robot
+
+
 def _with_robot(program: GaitProgram, robot: RobotParameters) -> GaitProgram:
     """Return the same program for another robot."""
     return GaitProgram(
@@ -475,12 +488,19 @@ def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
     # Relax one limit after the other, until there is a gait.
     margin = requested.temperature_margin
     slippery = _with_robot(requested, with_friction(requested.robot, RELAXED_FRICTION_FACTOR))
+    uncalibrated = _with_robot(requested, _without_calibration(requested.robot))
+    leans = (
+        uncalibrated,
+        "some foot carries too little, or the feet stand too close together, for a robot whose "
+        "limbs and hips are not quite as described; set the limbs farther apart",
+    )
     too_cold = (
         program(temperature_margin=0.0),
         f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
         "margin; ask for a smaller one",
     )
     for relaxed, reason in (
+        *([leans] if requested.in_space and is_calibrated(requested.robot) else []),
         *([too_cold] if margin else []),
         (
             slippery,

@@ -32,9 +32,10 @@ from pydrake.solvers import MathematicalProgram
 
 from controllers.temperature_supervisor import lag_error
 from limb_systems import LimbModel, Provenance
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from limb_systems.segment_chain import rotation
 from limb_systems.smooth_function import SmoothFunction
-from planners.transcription.collocation import ANGLE_SCALE, heat_defects
+from planners.transcription.collocation import heat_defects
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from walking.course import MAX_TURN, MIN_TURN, Course
@@ -64,6 +65,9 @@ SWING_CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0
 MAX_FRICTION_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
 CONE_ROUNDING = 1e-3  # of a foot's load: radius of the blunt tip of the friction cone
 STICKING_SHARE = 0.8  # of μ, that feet that stick may use
+# The same of calibrated robots of four and more feet. A warp of their feet shifts loads: with more,
+# three of ten robots whose hips are within 1 mm made less than 0.85 of a stride, with this one.
+STICKING_SHARE_CALIBRATED = 0.6
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.
 STEADINESS = 25.0
@@ -85,6 +89,12 @@ MAX_JOINT_ANGLE_IN_SPACE = 0.2
 def default_steadiness(robot: RobotParameters) -> float:
     """Return 25, or 12.5 for a robot that is calibrated."""
     return STEADINESS_CALIBRATED if is_calibrated(robot) else STEADINESS
+
+
+def default_sticking_share(robot: RobotParameters) -> float:
+    """Return 0.8, or 0.6 for a calibrated robot in space whose feet may be warped."""
+    can_be_warped = robot.body.mount == "free" and len(robot.limbs) > 3
+    return STICKING_SHARE_CALIBRATED if can_be_warped and is_calibrated(robot) else STICKING_SHARE
 
 
 def is_calibrated(robot: RobotParameters) -> bool:

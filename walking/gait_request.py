@@ -9,7 +9,6 @@ import numpy as np
 from planners.transcription.solving import PlanningError
 from walking.course import Course
 from walking.gait import Gait
-from walking.gait_program import STICKING_SHARE
 from walking.robot_parameters import RobotParameters
 
 INTERVALS = 24
@@ -34,7 +33,8 @@ class GaitRequest:
       length. Less is faster, but more of the robots that are not quite as described fall. If None,
       25, or 12.5 if all limbs are calibrated.
     - ``sticking_share``: share of μ that feet that stick may use, at most 1. More is faster, but
-      the robot stands still if friction differs more from foot to foot.
+      the robot stands still if friction differs more from foot to foot. If None, 0.8, or 0.6 if
+      all limbs are calibrated, and there are more than three in space.
     - ``intervals``: number of intervals between knots, shared by the phases; in a plane, a gait
       that is checked gets twice or four times as many, up to 96, where simulation differs.
     - ``near``: a gait of a robot or a course that differs little, of this schedule, to start from.
@@ -51,7 +51,7 @@ class GaitRequest:
     objective: Literal["speed", "energy"] = "speed"
     temperature_margin: float = 0.0
     steadiness: float | None = None
-    sticking_share: float = STICKING_SHARE
+    sticking_share: float | None = None
     intervals: int = INTERVALS
     near: Gait | None = None
     begins_as: Gait | None = None
@@ -79,7 +79,7 @@ class GaitRequest:
             )
         if self.steadiness is not None and not 0 < self.steadiness < np.inf:
             raise PlanningError(f"steadiness is {self.steadiness:g}; it must be a positive number.")
-        if not 0 < self.sticking_share <= 1:
+        if self.sticking_share is not None and not 0 < self.sticking_share <= 1:
             raise PlanningError(
                 f"sticking_share is {self.sticking_share:g}; it must be more than 0 and at most 1."
             )

@@ -9,7 +9,6 @@ body then rolls and pitches otherwise in a cycle.
 import dataclasses
 
 import numpy as np
-from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 from calibration.estimate import Estimate
@@ -17,12 +16,15 @@ from calibration.remarks import CalibrationError
 from limb_systems import Recording
 from limb_systems.simulation import SimulationError
 from walking.gait import Gait, rotate_to_heading
-from walking.gait_check import measure_strides, with_friction
+from walking.gait_check import (
+    EXPECTED_WARP,
+    measure_strides,
+    with_warp_and_friction,
+)
 from walking.in_mujoco import simulate_in_mujoco
 from walking.robot_parameters import RobotParameters
 
 FRICTION_ERROR = 0.5  # relative error that is expected of the description's friction
-EXPECTED_WARP = 1e-3  # m, standard deviation of the warp before the fit
 START_WARPS = (-0.7, 0.7)  # of the search, as multiples of the expected warp
 MAX_SIMULATIONS = 25  # from each start
 PLACE_ERROR = 5e-4  # m, of x and y of a pose that the model explains
@@ -115,30 +117,6 @@ def fit_strides(gait: Gait, recording: Recording, start: float, cycles: int) -> 
         estimates["warp"] = Estimate(warp, EXPECTED_WARP * float(errors[1]), "m")
     made = measure_strides(recording, gait, np.array([last, last + gait.period]))[0]
     return StridesFit(robot, estimates, float(made[0]))
-
-
-def with_warp_and_friction(
-    robot: RobotParameters, warp: float, logarithm: float
-) -> RobotParameters:
-    """Return a copy of a robot with other hips and friction.
-
-    Args:
-        warp: h1 - h2 - h3 + h4 of four hips that are raised and lowered by turns, m.
-        logarithm: logarithm of the multiple of friction.
-    """
-    robot = with_friction(robot, float(np.exp(logarithm)))
-    for limb, raised in zip(robot.limbs, 0.25 * warp * warp_pattern(robot), strict=True):
-        limb.position = [*limb.position[:2], limb.position[2] + float(raised)]
-    return robot
-
-
-def warp_pattern(robot: RobotParameters) -> np.ndarray:
-    """Return heights of hips (L,), of rms 1, that no plane has; zero of three hips."""
-    places = robot.hips[:, :2]
-    patterns = null_space(np.column_stack([np.ones(len(places)), places]).T)
-    if not patterns.size:
-        return np.zeros(len(places))
-    return patterns[:, 0] * np.sqrt(len(places)) * np.sign(patterns[0, 0])
 
 
 def _body_motion(recording: Recording, start: float, period: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from limb_systems import LimbError, LimbModel, PlanCheck, Provenance, Trajectory
 from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.simulation import PERIOD
+from limb_systems.wire_laws.wire_law import duty_for_rate
 from limb_systems.wires import Wires
 from planners.transcription.quasi_static import integrate_readings
 from walking.gait import Gait
@@ -183,7 +184,7 @@ def _change_heat(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np
     while share < 1.0:
         if WARM_UP_STEP * len(levels) > MAX_WARM_UP:
             raise _unreachable_heat()
-        # A wire's rate of temperature is linear in its duty, between these.
+        # A wire's rate of temperature is between these.
         rates_off = wires.rates(states, np.zeros(W))[:W]
         rates_full = wires.rates(states, np.ones(W))[:W]
 
@@ -191,7 +192,7 @@ def _change_heat(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np
         fastest = np.where(way > 0, rates_full, rates_off) / np.where(way == 0, np.nan, way)
         lag_rate = (first + share * way - states[:W]) / WARM_UP_STEP
         duty_per_pace = way / (rates_full - rates_off)
-        holding_duty = (lag_rate - rates_off) / (rates_full - rates_off)
+        holding_duty = duty_for_rate(lag_rate, rates_off, rates_full)
         by_total = np.inf
         if duty_per_pace.sum() > 0:
             by_total = (total - holding_duty.sum()) / duty_per_pace.sum()

@@ -1,16 +1,17 @@
 """One recording after the other: sag, ring-down, equilibria, warm-up and `excitations`."""
 
 import copy
+import functools
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, TypeVar, Unpack, cast
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
-from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
-from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
+from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty, held_levels
 from calibration.recordings.kinds import heated_wires, only_segment
 from hardware.board.journal import closing
 from hardware.live_feed import LiveView
@@ -23,16 +24,16 @@ MAX_EQUILIBRIUM_BEND = np.deg2rad(45.0)  # of equilibria
 SAMPLE_RATE = 20.0  # Hz, but for ring-downs
 RING_DOWN_RATE = 100.0
 FIRST_TOTAL_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
-# s
 CONTACT_DUTY = 0.1
-CONTACT_TIME = 30.0
-CONTACT_END = 100.0
+CONTACT_TIME = 30.0  # s with duty, of each wire
+CONTACT_PAUSE = 20.0  # s without duty, after each wire
 CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
-# s
 WARM_UP_DUTY = 0.15
-WARM_UP_TIME = 60.0
-WARM_UP_END = 100.0
+WARM_UP_TIME = 60.0  # s with duty
+WARM_UP_END = 100.0  # s
 WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
+
+Collect = TypeVar("Collect", bound=Callable[..., Recording])
 
 
 class Outputs(TypedDict, total=False):
@@ -42,6 +43,18 @@ class Outputs(TypedDict, total=False):
     live: LiveView | None
 
 
+def _closing(collect: Collect) -> Collect:
+    """Have a function close its limb at the end, also if it fails before the recording starts."""
+
+    @functools.wraps(collect)
+    def closing_collect(limb: LimbSystem, *arguments: Any, **options: Any) -> Recording:
+        with closing(check_limb(limb)):
+            return collect(limb, *arguments, **options)
+
+    return cast(Collect, closing_collect)
+
+
+@_closing
 def collect_equilibria(
     limb: LimbSystem,
     actuated: str,
@@ -71,31 +84,32 @@ def collect_equilibria(
     Raises:
         LimbError: if an argument makes no sense.
     """
-    with closing(check_limb(limb)):
-        heated = heated_wires(limb.parameters, actuated)
-        if num_angles < 1 or seed < 0:
-            raise LimbError(
-                f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there "
-                "must be an angle at least, and the seed must be zero or more."
-            )
-        # Draw random angles to the sides of the heated wires.
-        wires = only_segment(limb.parameters).wires
-        sides = np.sign([wires[index].lever[0] for index in heated])
-        low = min(0, *sides)
-        high = max(0, *sides)
-        angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
-        # Hold them by PI control.
-        schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
-        controller = BendAngleController(limb.parameters, actuated)
-        duration = num_angles * longest
-        return _record(limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule)
+    heated = heated_wires(limb.parameters, actuated)
+    if num_angles < 1 or seed < 0:
+        raise LimbError(
+            f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there "
+            "must be an angle at least, and the seed must be zero or more."
+        )
+    # Draw random angles to the sides of the heated wires.
+    wires = only_segment(limb.parameters).wires
+    sides = np.sign([wires[index].lever[0] for index in heated])
+    low = min(0, *sides)
+    high = max(0, *sides)
+    angles = MAX_EQUILIBRIUM_BEND * np.random.default_rng(seed).uniform(low, high, num_angles)
+    # Hold them by PI control.
+    schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
+    controller = BendAngleController(limb.parameters, actuated)
+    duration = num_angles * longest
+    return _record(limb, controller, duration, actuated, outputs, seed=seed, schedule=schedule)
 
 
+@_closing
 def collect_sag(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Record the unheated limb while gravity bends it, for 15 s (Sec. V-A)."""
     return _record(limb, _zero_duty(limb), 15.0, "sag", outputs)
 
 
+@_closing
 def collect_ring_down(
     limb: LimbSystem, sample_rate: float = RING_DOWN_RATE, **outputs: Unpack[Outputs]
 ) -> Recording:
@@ -103,29 +117,26 @@ def collect_ring_down(
     return _record(limb, _zero_duty(limb), 6.0, "ring_down", outputs, sample_rate=sample_rate)
 
 
+@_closing
 def collect_first_contact(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Warm one wire after the other by some degrees, of a limb that was never recorded before.
 
     `fit_heat_bounds` learns from it with what bounds the wires can be warmed up.
     """
-    num_wires = len(check_limb(limb).parameters.wires)
-    pause = (CONTACT_END - num_wires * CONTACT_TIME) / num_wires
-    times = [0.0]
-    levels = []
-    for wire in np.eye(num_wires):
-        times += [times[-1] + CONTACT_TIME, times[-1] + CONTACT_TIME + pause]
-        levels += [CONTACT_DUTY * wire, 0 * wire]
-    duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
+    parts = []
+    for wire in np.eye(len(limb.parameters.wires)):
+        parts += [(CONTACT_TIME, CONTACT_DUTY * wire), (CONTACT_PAUSE, 0 * wire)]
+    duty = held_levels(parts)
     source = DutyUntilWarm(duty, CONTACT_RISE)
-    return _record(limb, source, times[-1], "heated", outputs)
+    return _record(limb, source, duty.end_time(), "heated", outputs)
 
 
+@_closing
 def collect_warm_up(limb: LimbSystem, **outputs: Unpack[Outputs]) -> Recording:
     """Heat all wires a little at once for a minute, as `fit_heat_bounds` needs it."""
-    ones = np.ones((len(check_limb(limb).parameters.wires), 1))
-    levels = ones * [WARM_UP_DUTY, 0.0, 0.0]
-    duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
-    source = DutyUntilWarm(duty, WARM_UP_RISE)
+    wires = np.ones(len(limb.parameters.wires))
+    parts = [(WARM_UP_TIME, WARM_UP_DUTY * wires), (WARM_UP_END - WARM_UP_TIME, 0 * wires)]
+    source = DutyUntilWarm(held_levels(parts), WARM_UP_RISE)
     return _record(limb, source, WARM_UP_END, "heated", outputs)
 
 
@@ -138,6 +149,7 @@ def limb_for_first_contact(described: LimbParameters) -> LimbParameters:
     return careful_limb
 
 
+@_closing
 def collect_excitation(
     limb: LimbSystem,
     excitation: Excitation,
@@ -145,14 +157,13 @@ def collect_excitation(
     **outputs: Unpack[Outputs],
 ) -> Recording:
     """Return one of `excitations`, with duty that is limited by the limb as calibrated so far."""
-    with closing(check_limb(limb)):
-        source = LimitedDuty(known, excitation.duty)
-        duration = excitation.duty.end_time()
-        return _record(limb, source, duration, excitation.kind, outputs, seed=excitation.seed)
+    source = LimitedDuty(known, excitation.duty)
+    duration = excitation.duty.end_time()
+    return _record(limb, source, duration, excitation.kind, outputs, seed=excitation.seed)
 
 
 def _zero_duty(limb: LimbSystem) -> LeafSystem:
-    return ConstantVectorSource(np.zeros(len(check_limb(limb).parameters.wires)))
+    return ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
 
 
 def _record(
@@ -167,7 +178,6 @@ def _record(
     schedule: EquilibriumSchedule | None = None,
 ) -> Recording:
     """Record a limb under the duty of a source, which sees its outputs, until a schedule ends."""
-    check_limb(limb)
     # Connect limb, source and schedule.
     builder = DiagramBuilder()
     builder.AddSystem(limb)

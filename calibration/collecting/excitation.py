@@ -18,8 +18,10 @@ from calibration.collecting.bend_control import DUTY_TAPER
 from calibration.recordings.kinds import MOUNTING_ANGLES, MOUNTINGS
 from limb_systems import LimbParameters
 from limb_systems.drake_python import declare_state_output, weak_method
+from limb_systems.law_functions import check_affine
 from limb_systems.monte_carlo import draw_limbs, stack_limbs
 from limb_systems.simulation import PERIOD
+from limb_systems.wire_laws.wire_law import duty_for_rate
 
 NUM_LIMBS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
@@ -79,7 +81,7 @@ def mountings(num_wires: int) -> list[Excitation]:
         parts.append((30.0, MOUNTED_LEVELS[1] * pair))
         parts.append((MOUNTED_COOLING_TIME, off))
     return [
-        Excitation(name, "heated", pause=60.0, duty=_held_levels(parts), turned=turned)
+        Excitation(name, "heated", pause=60.0, duty=held_levels(parts), turned=turned)
         for name, turned in zip(MOUNTINGS, MOUNTING_ANGLES, strict=True)
     ]
 
@@ -126,13 +128,13 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
 
     random_parts = [*_random_levels(random, num_wires), (120.0, off)]
     result = [
-        Excitation("conditioning", "heated", 0.0, _held_levels(conditioning)),
-        Excitation("pulses", "heated", 5.0, _held_levels(pulses), seed),
-        Excitation("ramps", "heated", 5.0, _held_levels(ramps)),
-        Excitation("random", "heated", 5.0, _held_levels(random_parts), seed),
+        Excitation("conditioning", "heated", 0.0, held_levels(conditioning)),
+        Excitation("pulses", "heated", 5.0, held_levels(pulses), seed),
+        Excitation("ramps", "heated", 5.0, held_levels(ramps)),
+        Excitation("random", "heated", 5.0, held_levels(random_parts), seed),
     ]
     for number in range(1, NUM_MOTIONS + 1):
-        result.append(Excitation(f"motion_{number}", "motion", 120.0, _held_levels(motion)))
+        result.append(Excitation(f"motion_{number}", "motion", 120.0, held_levels(motion)))
     return result
 
 
@@ -168,7 +170,7 @@ def _triangle(turns: np.ndarray) -> np.ndarray:
     return 2 * np.abs(turns % 1 - 0.5)
 
 
-def _held_levels(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
+def held_levels(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
     """Return the levels of duty, each with its duration, one after the other."""
     times = np.cumsum([0.0, *(duration for duration, _ in parts)])
     levels = np.array([level for _, level in parts] + [parts[-1][1]])
@@ -226,7 +228,12 @@ class LimitedDuty(_DutyByReadings):
         Args:
             parameters: the limb, as well as it is calibrated so far, of one segment.
             duty: a row for each wire.
+
+        Raises:
+            LimbError: if the rates of a wire's law are not affine in the duty.
         """
+        for wire in parameters.wires:
+            check_affine(wire.law)
         self._law, rooms, _ = stack_limbs(draw_limbs(parameters, NUM_LIMBS))
         self._rooms = rooms[:, np.newaxis, np.newaxis]
         self._highest = parameters.temperature_limits.maximum
@@ -249,21 +256,19 @@ class LimitedDuty(_DutyByReadings):
 
     def _limited(self, own_state, wanted_duty, measured):
         states = own_state.reshape(self._shape)
-        # Rates are affine in the duty: interpolate between off and on.
+        # Solve for the duty with which the hottest T reaches T_max within the reaction time.
         rates = np.empty((len(states), 2, *self._shape[1:]))
         law_rates = self._law.rates(list(states), OFF_AND_ON, self._rooms)
         for row, rate in zip(rates, law_rates, strict=True):
             row[...] = rate
-        rates_off = rates[:, 0]
-        rates_by_duty = rates[:, 1] - rates_off
-        # Solve for the duty with which the hottest T reaches T_max within the reaction time.
+        rates_off, rates_on = np.moveaxis(rates, 1, 0)
         allowed_rate = (self._highest - states[0]) / REACTION_TIME
-        allowed_duty = ((allowed_rate - rates_off[0]) / rates_by_duty[0]).min(axis=(0, 1))
+        allowed_duty = duty_for_rate(allowed_rate, rates_off[0], rates_on[0]).min(axis=(0, 1))
         taper = (self._highest - 5.0 - measured) / DUTY_TAPER
         taper[np.isnan(taper)] = 0.0  # no duty without a reading
         allowed_duty = np.minimum(np.maximum(np.minimum(allowed_duty, taper), 0.0), 1.0)
         duty = np.minimum(wanted_duty, allowed_duty)
-        states = states + PERIOD * (rates_off + duty * rates_by_duty)
+        states = states + PERIOD * (rates_off + duty * (rates_on - rates_off))
         return states.ravel(), duty
 
 

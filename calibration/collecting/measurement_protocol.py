@@ -101,8 +101,9 @@ class Knowledge:
         self._motions.append(recording.bend_angle)
         differences = []
         for motion, other_motion in itertools.combinations(self._motions, 2):
-            pairs = zip(motion.T, other_motion.T, strict=False)  # one may be longer
-            differences.append(np.mean([np.linalg.norm(one - other) for one, other in pairs]))
+            length = min(motion.shape[1], other_motion.shape[1])
+            difference = motion[:, :length] - other_motion[:, :length]
+            differences.append(np.linalg.norm(difference, axis=0).mean())
         if differences:
             mean_deg = np.rad2deg(np.mean(differences))
             sentence += f"; motions differ by {mean_deg:.1f}° from each other"
@@ -205,31 +206,34 @@ def planned_recordings(
     for number, kind in enumerate(kinds, seed):
         collect = functools.partial(hold, actuated=kind, seed=number)
         equilibria.append(PlannedRecording(kind, kind, collect, num_angles * longest, None))
-    contact = PlannedRecording(
-        FIRST_CONTACT, "heated", collect_first_contact, CONTACT_TIME * len(limb.wires), pause=None
-    )
-    warm_up = PlannedRecording(WARM_UP, "heated", collect_warm_up, WARM_UP_TIME, pause=None)
+    # First contact of each wire, and the warm-up of all.
+    contact_time = CONTACT_TIME * len(limb.wires)
+    contact = PlannedRecording(FIRST_CONTACT, "heated", collect_first_contact, contact_time, None)
+    warm_up = PlannedRecording(WARM_UP, "heated", collect_warm_up, WARM_UP_TIME, None)
     plans += [*equilibria, warm_up] if emulated else [contact, warm_up, *equilibria]
     if protocol == "paper":
         return plans[:-1] if emulated else plans
-    # Excitations; in space, the stairs of mountings take the place of pulses and ramps.
+    return plans + _planned_excitations(limb, seed, with_mountings=not planar and protocol == "all")
+
+
+def _planned_excitations(
+    limb: LimbParameters, seed: int, *, with_mountings: bool
+) -> list[PlannedRecording]:
+    """Return the excitations; mountings take the place of pulses and ramps."""
     chosen = excitations(len(limb.wires), seed)
-    if not planar and protocol == "all":
+    if with_mountings:
         heated = [each for each in chosen if each.name in ("conditioning", "random")]
         motions = [each for each in chosen if each.kind == "motion"]
         chosen = [*heated, *mountings(len(limb.wires)), *motions]
-    return plans + [
-        PlannedRecording(
-            excitation.name,
-            excitation.kind,
-            functools.partial(collect_excitation, excitation=excitation),
-            excitation.heated_time,
-            excitation.pause if number else None,
-            excitation.turned,
-            excites=True,
+    plans: list[PlannedRecording] = []
+    for each in chosen:
+        collect = functools.partial(collect_excitation, excitation=each)
+        pause = each.pause if plans else None  # the first begins cold
+        plan = PlannedRecording(
+            each.name, each.kind, collect, each.heated_time, pause, each.turned, excites=True
         )
-        for number, excitation in enumerate(chosen)
-    ]
+        plans.append(plan)
+    return plans
 
 
 def mounted_limb(limb: LimbParameters, turned: float | None) -> LimbParameters:

@@ -10,12 +10,13 @@ import numpy as np
 from calibration.import_logs import clock
 from calibration.import_logs.evidence import forward_fill
 from calibration.import_logs.mapping import MEASURES, TEMPERATURE_UNITS, TIP_TANGENT, LogMapping
-from calibration.import_logs.points import link_directions, wrapped
+from calibration.import_logs.points import link_directions
 from calibration.import_logs.table import LogError, LogTable, number, read_table, unique_names
 from limb_systems import bend_sensor
 from limb_systems.errors import reraise_as
 from limb_systems.files.recording import Recording
 from limb_systems.files.signal_table import doses
+from limb_systems.kinematics import wrap_angle
 from limb_systems.limb_parameters import LimbParameters
 
 SAG_PREFIX = "sag"  # beginning of the names of logs of the sag
@@ -395,6 +396,6 @@ def _angle_of_line(table: LogTable, mapping: LogMapping) -> np.ndarray:
     angle = link_directions(list(map(columns.__getitem__, bend.line)))[0]
     if bend.base_line:
         links = link_directions(list(map(columns.__getitem__, bend.base_line)))
-        turn = wrapped(links[-1] - links[0])  # none if there is one link only
+        turn = wrap_angle(links[-1] - links[0], 360.0)  # none if there is one link only
         angle = angle - links[-1] - 0.5 * turn
-    return wrapped(angle - bend.zero) * bend.scale
+    return wrap_angle(angle - bend.zero, 360.0) * bend.scale

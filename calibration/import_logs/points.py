@@ -54,8 +54,3 @@ def is_clamped_at_first_point(x: np.ndarray, y: np.ndarray) -> bool:
     # Compare the first link with what constant curvature makes of the last link's turn.
     expected_first_turn = turns[-1] * middles[0] / middles[-1]
     return len(x) > 2 and bool(MIN_FIRST_TURN * expected_first_turn < turns[0])
-
-
-def wrapped(degrees: np.ndarray) -> np.ndarray:
-    """Return angles, °, from -180 to 180."""
-    return (degrees + 180.0) % 360.0 - 180.0

@@ -235,10 +235,24 @@ class Columns:
                 return True
         return False
 
+    def find_inversion(self) -> None:
+        """Invert the heat back if duties are inverted, as other columns respond to the heat.
+
+        A duty is inverted if it rests at its largest number, or if a wire cools with it.
+        """
+        duties = ColumnList(dict.fromkeys(self.duties))
+        for column in duties if duties.moving else ():
+            rests_at_top = (column.present == column.present.max()).mean() > 0.05
+            if (rests_at_top and column.present.min() > 0) or self._cools(column):
+                self.is_inverted = True
+        if self.is_inverted:
+            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
+
     def full_duty(self) -> float:
         """Return the number in the log that means full duty, such as 1, 100 or 255.
 
-        Return 0, and ask a question, if neither names nor numbers of the duties determine it.
+        Return 0, and ask a question, if duties are inverted, or if neither their names nor their
+        numbers determine it.
         """
         duties = ColumnList(dict.fromkeys(self.duties))
         if not duties.moving:
@@ -248,20 +262,13 @@ class Columns:
         tops = duties.moving.each("top")
         full = _full_scale(duties, levels[levels > 0])
         # Duties have mixed units if their largest numbers are too far apart, or if one is a switch
-        # of 0 and 1 and another a share. A duty is inverted if it rests at its largest number, or
-        # if a wire cools with it.
+        # of 0 and 1 and another a share.
         is_mixed = max(tops) > MAX_DUTY_RATIO * min(tops)
         for column in duties:
             is_switch = column.top == 1.0 and np.isin(column.present, [-1.0, 0.0, 1.0]).all()
             is_mixed |= bool(is_switch and min(tops) < 1.0)
-            rests_at_top = (column.present == column.present.max()).mean() > 0.05
-            if (rests_at_top and column.present.min() > 0) or self._cools(column):
-                self.is_inverted = True
         if full and not is_mixed and not self.is_inverted:
             return full
-        # Invert the heat back, as the other columns are found by how they respond to it.
-        if self.is_inverted:
-            self.heats = self.heats.max(axis=1, keepdims=True) - self.heats
         kind = "inverted" if self.is_inverted else "mixed units" if is_mixed else "full duty"
         likely = [f"{scale:g}" for scale in FULL_SCALES if max(tops) <= 1.001 * scale][:4]
         columns = " and ".join(duties.each("text"))
@@ -609,6 +616,7 @@ def propose(table: LogTable, limb: LimbParameters | None, dictionary: words.Dict
     columns = Columns(table, limb, dictionary)
     columns.find_duties()
     columns.find_temperatures()
+    columns.find_inversion()
     full = columns.full_duty()
     columns.pair_wires_with_thermocouples()
     columns.find_units()

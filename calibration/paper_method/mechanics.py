@@ -24,9 +24,9 @@ from limb_systems import (
     TipTangentSensor,
     joint_angles_from_bend_angle,
 )
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from limb_systems.statics import static_equilibrium
 from planners.radau import NODES, MotionSteps, solve_steps
-from planners.transcription.collocation import ANGLE_SCALE
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
 MAX_STIFFNESS_RATIO = 10.0  # factor between the described stiffness and any such limb's

@@ -442,7 +442,6 @@ class _FitProblem:
                 around = error - np.nanmedian(error)
                 spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
                 outliers[signal] = ~(np.abs(around) <= OUTLIER_DEVIATIONS * spread)
-                # Products of residuals that are apart by each lag.
                 steps = (predicted.run.times / STEP).astype(int)
                 even_residuals = np.full(steps[-1] + 1, np.nan)
                 even_residuals[steps] = np.where(outliers[signal], np.nan, around)
@@ -472,8 +471,7 @@ class _FitProblem:
     def fit_at(self, x: np.ndarray) -> LawFit:
         """Return the fit whose unknowns and initial conditions are x."""
         # The covariance follows from the Jacobian, widened by the misfit.
-        jacobian = self.jacobian(x)
-        residuals = self.residuals(x)
+        residuals, jacobian = self.residuals(x)
         misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / self.num_readings))
         covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
         size = len(self._unknowns)
@@ -632,9 +630,9 @@ class _FitProblem:
             return result
 
         solution = least_squares(
-            lambda z: self.residuals(full_vector(z)),
+            lambda z: self.residuals(full_vector(z))[0],
             (x[free] - center) / spread,
-            lambda z: self.jacobian(full_vector(z))[:, free] * spread,
+            lambda z: self.residuals(full_vector(z))[1][:, free] * spread,
             bounds=(self.bounds[:, free] - center) / spread,
             ftol=tolerance,
             xtol=TOLERANCE,
@@ -643,20 +641,12 @@ class _FitProblem:
         )
         return full_vector(solution.x)
 
-    def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Return the residuals at x, of recordings and then of the prior (all,)."""
-        return self._around(x)[0]
+    def residuals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residuals at x (all,), and their Jacobian by differences (all, P + R Q).
 
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the residuals by x (all, P + R Q)."""
-        return self._around(x)[1]
-
-    def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residuals at x and their Jacobian by differences, in one simulation.
-
-        One set of parameters takes more than half of the time of all, and nearly every x is
-        evaluated for both. An initial condition is moved in all recordings at once, as it acts on
-        its own recording alone.
+        The residuals are of the recordings, then of the prior. One set of parameters takes more
+        than half of the time of all, and nearly every x is evaluated for both. An initial condition
+        is moved in all recordings at once, as it acts on its own recording alone.
         """
         evaluated_x, values = self._evaluated
         if np.array_equal(evaluated_x, x):

@@ -124,10 +124,12 @@ def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarra
 def laws_before_fit(law: type[WireLaw], segment: SegmentParameters) -> list[WireLaw]:
     """Return the law of each wire before the fit (W): as described, if it is of this class.
 
-    The fit keeps fields without a range, such as a word that chooses the equations of a lab's law.
+    Wires of other laws get the first law of this class. The fit keeps fields without a range, such
+    as a word that chooses the equations of a lab's law.
     """
     laws = [wire.law for wire in segment.wires]
-    return [copy.copy(described) if type(described) is law else law() for described in laws]
+    first = next((described for described in laws if type(described) is law), law())
+    return [copy.copy(described if type(described) is law else first) for described in laws]
 
 
 def unknowns_of(

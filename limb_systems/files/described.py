@@ -1,6 +1,7 @@
 """Descriptions that have a YAML file of their own, and the checks that all of them share."""
 
 import copy
+import dataclasses
 import hashlib
 import math
 import re
@@ -50,10 +51,15 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        # Other files of the package say in their first line what they are.
-        if line := first_line(text):
+        # Other files of the package say what they are: tables in their first line.
+        line = first_line(text)
+        kind = line.kind if line else ""
+        fields = {field.name for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        if "limbs" not in fields and re.search("^limbs:", text, re.MULTILINE):
+            kind = "robot of several limbs"
+        if kind:
             raise ParameterError(
-                f"{path} is a {line.kind}; a limb is described by a YAML file, such as soft-limb "
+                f"{path} is a {kind}; a limb is described by a YAML file, such as soft-limb "
                 "fit or LimbParameters.save writes."
             )
         with reraise_as(ParameterError, f"{path}: "):

@@ -361,9 +361,8 @@ def _field_values(data: Any, schema: type, path: str, where: str) -> dict[str, A
         given = dict(data)
         given.pop("_tag", None)
     else:
-        raise SchemaError(
-            f"{where} must have the fields {', '.join(fields)}, but is {short_repr(data)}."
-        )
+        what = "empty" if data is None else short_repr(data)
+        raise SchemaError(f"{where} must have the fields {', '.join(fields)}, but is {what}.")
     # Refuse unknown fields.
     for key in given:
         if key not in fields:

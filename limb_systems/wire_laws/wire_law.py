@@ -98,7 +98,10 @@ class WireLaw(Tagged):
         return cls.states[state] >= 10.0
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
-        """Return time derivatives of the states, in the order of ``states``, per second."""
+        """Return time derivatives of the states, in the order of ``states``, per second.
+
+        They are affine in the duty D, as the heat of PWM is.
+        """
         raise NotImplementedError
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
@@ -164,6 +167,11 @@ def runge_kutta(
     third = rates(states + step / 2 * second, middle)
     fourth = rates(states + step * third, after)
     return states + step / 6 * (first + 2 * (second + third) + fourth)
+
+
+def duty_for_rate(rate: Any, rate_off: Any, rate_on: Any) -> Any:
+    """Return the duty that gives a rate; rates are affine in it, from off to on."""
+    return (rate - rate_off) / (rate_on - rate_off)
 
 
 def logistic(z: Any) -> Any:

@@ -32,8 +32,6 @@ from limb_systems.wires import Wires, among_zeros
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 
-ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
-
 
 class MotionDefects:
     """The defects (17) of the chain's motion in the K - 1 intervals between K knots.

@@ -224,7 +224,9 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        scales = scales_of_variables(prog) if self._scales is None else self._scales
+        scales = self._scales
+        if scales is None:
+            scales = scales_of_variables(prog, np.ones(prog.num_vars()))
         problem = _ScaledProblem(prog, guess, self._blocks, self._fixed, scales, self._on_iteration)
         # Choose the options.
         options = dict(OPTIONS)
@@ -678,9 +680,9 @@ def bounds_of_variables(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarr
     return lower, upper
 
 
-def scales_of_variables(prog: MathematicalProgram) -> np.ndarray:
-    """Return the typical changes of all decision variables (num_vars,)."""
-    scales = np.ones(prog.num_vars())
+def scales_of_variables(prog: MathematicalProgram, scales: np.ndarray) -> np.ndarray:
+    """Return the scales (num_vars,) of decision variables, with those set in the program."""
+    scales = scales.copy()
     for index, scale in prog.GetVariableScaling().items():
         scales[index] = scale
     return scales

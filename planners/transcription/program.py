@@ -10,15 +10,11 @@ from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 
 from limb_systems import LimbModel, LimbParameters, joint_angles_from_bend_angle, split_state
 from limb_systems.files.trajectory import AddedTerms
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from planners.task import Task, TaskError
-from planners.transcription.collocation import (
-    ANGLE_SCALE,
-    MotionDefects,
-    fixed_time_heat_blocks,
-    heat_block,
-)
+from planners.transcription.collocation import MotionDefects, fixed_time_heat_blocks, heat_block
 from planners.transcription.customized_terms import describe, group_by_name, variables_at_bounds
-from planners.transcription.ipopt import ConstraintBlock
+from planners.transcription.ipopt import ConstraintBlock, scales_of_variables
 
 if TYPE_CHECKING:
     from limb_systems import Limb
@@ -112,7 +108,8 @@ class PlanProgram:
         # Let the task add constraints and costs, and find which these are.
         terms_before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
-            self.task.customize(self)
+            with np.errstate(invalid="ignore"):  # Drake's expressions are NaNs with data inside
+                self.task.customize(self)
         self.added = [b for b in prog.GetAllConstraints() if b not in terms_before]
         self.added_costs = [b for b in prog.GetAllCosts() if b not in terms_before]
 
@@ -182,10 +179,7 @@ class PlanProgram:
         """The typical changes of all decision variables (num_vars,)."""
         scales = np.ones(self.prog.num_vars())
         scales[self._of_knots] = self._scales
-        # The task's ``customize`` may have set others.
-        for index, scale in self.prog.GetVariableScaling().items():
-            scales[index] = scale
-        return scales
+        return scales_of_variables(self.prog, scales)  # the task's ``customize`` may have set some
 
     @property
     def state_scales(self) -> np.ndarray:

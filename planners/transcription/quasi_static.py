@@ -20,10 +20,10 @@ from pydrake.solvers import MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, LimbModel, LimbParameters, LinearLaw
+from limb_systems.limb_mechanics import ANGLE_SCALE
 from limb_systems.static_equilibria import StaticEquilibria
 from limb_systems.wires import Wires
 from planners.task import Task
-from planners.transcription.collocation import ANGLE_SCALE
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.linearized import LinearizedProgram
@@ -103,9 +103,10 @@ def check_temperature_limits(
             )
         if cooled[index] > highest:
             below = _first_crossing_time(ahead, states_at(0.0, ahead)[:, index], highest)
+            duration = f" for {below:.3g} s" if np.isfinite(below) else ""
             raise InfeasibleError(
                 f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C"
-                f"{margin} (19); let it cool for {below:.3g} s first."
+                f"{margin} (19); let it cool{duration} first."
             )
         # At full duty the wire is too cold (20).
         if heated[index] >= limits.warm or not warm_knots.any():

@@ -136,6 +136,11 @@ def _collect_limb(
 
 def _port(options: argparse.Namespace, name: str) -> str:
     """Return the port of a limb of a robot, or of a single limb, whose name is empty."""
+    if not name and isinstance(options.port, dict):
+        raise LimbError(
+            f"Ports are given for {', '.join(options.port)}, but this is a single limb; give "
+            "--port PORT, or the description of a robot by -l."
+        )
     return options.port[name] if name else options.port
 
 

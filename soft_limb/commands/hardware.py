@@ -352,6 +352,8 @@ def _learn(options: argparse.Namespace) -> int:
             return
         distance, error = np.rad2deg([repetition.reference_distance, repetition.mean_error])
         parts = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
+        estimate = np.rad2deg(repetition.estimated_distance)
+        parts.append(f"|φ_ref - φ| without the sensor's drift about {estimate:.2f}°")
         parts += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
@@ -434,6 +436,8 @@ def _teach(options: argparse.Namespace) -> int:
 
 def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
+    if options.one_board and not options.robot:
+        raise LimbError("--one-board is for a robot; give its description (.yaml), too.")
     twin: EmulatedSystem
     limbs = []
     # Emulate a robot, with a board for each limb or for all, or a limb.

@@ -239,7 +239,12 @@ def _seeds(text: str) -> list[int]:
     seeds: list[int] = []
     for part in text.split(","):
         first, _, last = part.partition("-")
-        seeds += range(int(first), int(last or first) + 1)
+        new_seeds = range(int(first), int(last or first) + 1)
+        if not new_seeds:
+            raise argparse.ArgumentTypeError(
+                f"{part!r} is no range of seeds; its end is below {first}"
+            )
+        seeds += new_seeds
     return list(dict.fromkeys(seeds))
 
 

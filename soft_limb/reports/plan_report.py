@@ -117,9 +117,10 @@ def write_learning_report(
         distances.append(repetition.reference_distance)
         errors.append(repetition.mean_error)
         distance = f"{np.rad2deg(repetition.reference_distance):.2f}"
+        estimate = f"{np.rad2deg(repetition.estimated_distance):.2f}"
         error = f"{np.rad2deg(repetition.mean_error):.2f}"
         remark = "; ".join(filter(None, [repetition.interrupted, repetition.remark]))
-        rows.append([str(number), distance, error, remark])
+        rows.append([str(number), distance, estimate, error, remark])
     # Draw them, and the first and the last recording.
     numbers = sorted(recordings)
     first = Recording.load(recordings[numbers[0]])
@@ -136,7 +137,7 @@ def write_learning_report(
     data = {"state of learning": state}
     for number in numbers:
         data[f"repetition {number}"] = recordings[number]
-    header = ["repetition", "mean |φ_REF − φ|, °", "mean |φ* − φ|, °", "remark"]
+    header = ["repetition", "mean |φ_REF − φ|, °", "without drift, °", "mean |φ* − φ|, °", "remark"]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),
         learned,

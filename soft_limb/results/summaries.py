@@ -72,22 +72,27 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     # List the numbers of each repetition, and put them into words.
     values = []
     distances_deg = []
+    estimates_deg = []
     errors_deg = []
     num_undone = 0
     for repetition in learner.repetitions:
         distance_deg = float(np.rad2deg(repetition.reference_distance))
+        estimate_deg = float(np.rad2deg(repetition.estimated_distance))
         error_deg = float(np.rad2deg(repetition.mean_error))
         values.append(
             {
                 "reference_distance_deg": distance_deg,
+                "estimated_distance_deg": estimate_deg,
                 "mean_deg": error_deg,
                 "interrupted": repetition.interrupted,
                 "remark": repetition.remark,
             }
         )
         distances_deg.append(f"{distance_deg:.2f}°")
+        estimates_deg.append(f"{estimate_deg:.2f}°")
         errors_deg.append(f"{error_deg:.2f}°")
         num_undone += repetition.failed
+    estimates = f"without the sensor's drift, about: {', '.join(estimates_deg)}"
     text = f"mean |φ* - φ| {', '.join(errors_deg)}" if values else "none"
     if num_undone:
         text += f"; undone: {num_undone}"
@@ -100,6 +105,7 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
         [
             *_distance_entries(", ".join(distances_deg), distances),
             Entry("repetitions", values, sentence=None),
+            Entry("estimated", sentence=estimates if values else None),
             Entry("errors", sentence=text),
             Entry("finished", learner.finished),
         ]

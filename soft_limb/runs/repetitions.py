@@ -29,6 +29,7 @@ REST_TIME = 300.0  # s without heat between two repetitions on an emulated limb
 MAX_REST_TIME = 1200.0  # s
 READ_PERIOD = 1.0  # s
 COOL_TOLERANCE = 3.0  # °C; a wire that is warmer than at the start by less is cool
+MAX_LISTED = 10  # earlier repetitions that the live page lists
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
@@ -66,7 +67,7 @@ def repeat(
         else:
             limb = limb_of_repetition()
             if live:
-                live.say(f"Repetition {number} of {repetitions}")
+                live.say(f"Repetition {number} of {repetitions}{_earlier_distances(learner)}")
             before = unfinished_files(path)
             try:
                 recording = record_replay(
@@ -86,6 +87,15 @@ def repeat(
         # Raise the robot's failure, which has been learned from.
         if failure:
             raise failure
+
+
+def _earlier_distances(learner: Learner) -> str:
+    """Return the end of a sentence with the distances of the last repetitions, if there are any."""
+    earlier = learner.repetitions[-MAX_LISTED:]
+    if not earlier:
+        return ""
+    distances = [f"{np.rad2deg(each.reference_distance):.2f}°" for each in earlier]
+    return f"; mean distance from the reference before: {', '.join(distances)}"
 
 
 def recording_path(folder: Path, number: int) -> Path:

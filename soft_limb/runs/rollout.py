@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import System
-from threadpoolctl import threadpool_limits
 
 import controllers
 from controllers import RecedingHorizon
@@ -204,9 +203,7 @@ def record_replay(
         OutputError: see `replay`; the samples until then are in an unfinished file.
     """
     is_slow = check_limb(limb).real_time or live is not None
-    # Matrices of the estimator are small: threads of the BLAS would only wait for each other.
-    with threadpool_limits(1, "blas"):
-        recording = replay(trajectory, limb, controller=controller, journal=output, live=live)
+    recording = replay(trajectory, limb, controller=controller, journal=output, live=live)
     if not is_slow:
         try:
             recording.save(output)  # again, with the true state of an emulation

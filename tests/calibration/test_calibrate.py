@@ -104,6 +104,21 @@ def test_description_keeps_what_is_not_calibrated(model_recordings, described):
     assert described == before
 
 
+def test_rows_that_a_logger_lost_leave_even_steps(model_recordings, described):
+    """A damped sinusoid is fitted to even steps; what was not read in them is missing."""
+    (whole,) = model_recordings["ring_down"]
+    is_kept = np.arange(len(whole.time)) % 10 != 5
+    recordings = {**model_recordings, "ring_down": [select_samples(whole, is_kept)]}
+    with (
+        mock.patch("calibration.calibrate.fit_damping", side_effect=InterruptedError) as fit,
+        pytest.raises(InterruptedError),
+    ):
+        calibrate(recordings, described, method="paper")
+    _, (given,) = fit.call_args.args
+    np.testing.assert_allclose(given.time, whole.time, atol=1e-9)
+    np.testing.assert_array_equal(np.isnan(given.bend_angle[0]), ~is_kept)
+
+
 def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(
     by_the_paper, model_recordings, described, tmp_path
 ):

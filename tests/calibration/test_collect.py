@@ -15,20 +15,24 @@ from calibration import (
     BendAngleController,
     CalibrationError,
     EquilibriumSchedule,
+    Knowledge,
     LimitedDuty,
     collect_equilibria,
     collect_excitation,
+    collect_first_contact,
     collect_from_robot,
     collect_from_twin,
     collect_sag,
+    collect_warm_up,
     excitations,
     fit_law,
     fit_stiffness,
     kind_of,
     load_recordings,
 )
-from calibration.collecting.excitation import DutyUntilWarm, Excitation, _held_levels, mountings
+from calibration.collecting.excitation import DutyUntilWarm, Excitation, held_levels, mountings
 from calibration.prediction.heated_run import HeatedRun
+from calibration.recordings.repair import select_samples
 from hardware import LimbTwin
 from limb_systems import (
     CalibrationRecord,
@@ -43,6 +47,7 @@ from limb_systems import (
     SegmentParameters,
     TwoMassLaw,
     WireParameters,
+    simulate,
 )
 from limb_systems.progress import Progress
 from soft_limb.command import main
@@ -174,6 +179,8 @@ def test_a_wire_without_a_reading_gets_no_duty():
         (lambda limb: collect_equilibria(limb, "middle"), "middle"),
         (lambda limb: collect_equilibria(limb, "left", num_angles=0), "num_angles is 0"),
         (lambda limb: collect_excitation(limb, excitations(2)[0], limb.parameters), "calibrated"),
+        (lambda limb: collect_first_contact(limb, jurnal="contact.csv"), "jurnal"),
+        (lambda limb: collect_warm_up(limb, sample_rate=100.0), "sample_rate"),
     ],
 )
 def test_a_robot_is_closed_if_its_recording_fails(collect, message):
@@ -182,16 +189,13 @@ def test_a_robot_is_closed_if_its_recording_fails(collect, message):
         mock.patch.object(LimbTwin, "real_time", True),
         mock.patch.object(LimbTwin, "close", create=True) as close,
         mock.patch("hardware.replaying.record", side_effect=LimbError("the board is silent")),
-        pytest.raises(LimbError, match=message),
+        pytest.raises((LimbError, TypeError), match=message),
     ):
         collect(limb)
     close.assert_called()
 
 
 def test_an_option_that_is_misspelt_is_refused():
-    """It may be the file of the recording."""
-    with pytest.raises(TypeError, match="jurnal"):
-        collect_sag(Limb(), jurnal="sag.csv")
     with pytest.raises(TypeError, match="num_angels"):
         collect_from_twin(LimbTwin(), num_angels=3)
 
@@ -274,7 +278,7 @@ def short_excitations(monkeypatch):
         last = np.eye(num_wires)[-1]
         off = 0.0 * first
         parts = [(2.0, off), (6.0, 0.5 * last), (8.0, off), (6.0, 0.5 * first), (8.0, off)]
-        pulses = _held_levels(parts)
+        pulses = held_levels(parts)
         return [
             Excitation("conditioning", "heated", 0.0, pulses),
             dataclasses.replace(motion, pause=5.0, duty=motion.duty.slice(0, 3)),
@@ -290,7 +294,7 @@ def short_excitations(monkeypatch):
         ("calibration.collecting.collect.WARM_UP_TIME", 12.0),
         ("calibration.collecting.collect.WARM_UP_END", 18.0),
         ("calibration.collecting.collect.CONTACT_TIME", 8.0),
-        ("calibration.collecting.collect.CONTACT_END", 30.0),
+        ("calibration.collecting.collect.CONTACT_PAUSE", 7.0),
     ):
         monkeypatch.setattr(name, value)
     return monkeypatch
@@ -332,6 +336,21 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     runs = [HeatedRun.of(recording) for recording in load_recordings(tmp_path)["heated"]]
     estimates = fit_law(LinearLaw, runs, described.segments[0], 25.0).estimates
     assert estimates["right.a2"].value == pytest.approx(22.0, rel=0.03)
+
+
+def test_a_motion_is_compared_with_its_repetitions(described):
+    """As far as both go, if one is longer."""
+    fit = mock.Mock()
+    fit.predict.return_value = [mock.Mock(bend_error=0.0, temperature_error=0.0)]
+    knowledge = Knowledge(described)
+    first = simulate(Limb(described), [0.0, 0.1], 3.0)
+    moved = dataclasses.replace(first, bend_angle=first.bend_angle + np.deg2rad(2.0))
+    with mock.patch.object(Knowledge, "_fit", return_value=fit):
+        knowledge.add(first, "motion")
+        knowledge.add(select_samples(moved, slice(20)), "motion")
+        sentence = knowledge.add(dataclasses.replace(moved), "motion")
+    # 2° between the first and each other, nothing between these.
+    assert sentence.endswith("; motions differ by 1.3° from each other")
 
 
 def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_path, described):
@@ -395,6 +414,15 @@ def test_an_interrupted_recording_is_kept_and_made_anew(short_excitations, tmp_p
     assert found["first_contact"].parameters.total_duty == 0.3
     collect()
     assert len(asked) == 9
+
+
+def test_first_contact_warms_any_number_of_wires_one_after_the_other():
+    limb = LimbParameters.in_space(wires=4, links=2)
+    recording = collect_first_contact(Limb(limb))
+    assert recording.time[-1] == pytest.approx(4 * (30.0 + 20.0))
+    heated = recording.duty > 0
+    assert heated.sum(axis=0).max() == 1
+    assert np.diff(heated.argmax(axis=1)) == pytest.approx([50 * 20] * 3, abs=1)
 
 
 def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(
@@ -500,7 +528,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
 
 
 def test_command_collects_three_wires_from_a_robot_as_four_kinds(
-    short_excitations, tmp_path, described
+    short_excitations, tmp_path, described, capsys
 ):
     """With the model in place of the robot. Two of the wires are on one side."""
     monkeypatch = short_excitations
@@ -526,6 +554,7 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
     arguments += ["--protocol", "paper", "--angles", "1", "-l", str(tmp_path / "limb.yaml")]
     assert main(arguments) == 0
+    assert "next" in capsys.readouterr().out
     names = ["sag_1", "ring_down_1", "first_contact", "warm_up", "near", "far", "low", "both"]
     assert ports == ["/dev/robot"] * len(names)
     assert [what.split(":")[0] for what in asked] == names
@@ -541,6 +570,11 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(
     for name, seed, low in (("near", 3, 0), ("low", 5, -1)):
         angles = np.deg2rad(45.0) * np.random.default_rng(seed).uniform(low, low + 1, 1)
         assert np.unique(found[name].reference) == pytest.approx(np.sort(angles))
+    # Nothing is to be fitted without heat.
+    usable = mock.Mock(return_value=mock.Mock(heated={}))
+    monkeypatch.setattr("soft_limb.commands.calibration.select_usable", usable)
+    assert main(arguments) == 0
+    assert "next" not in capsys.readouterr().out
     found["both"].duty[0] = 0.0
     assert kind_of(dataclasses.replace(found["both"], kind="")) == "heated"
 
@@ -560,3 +594,20 @@ def test_the_hottest_of_the_limbs_that_cannot_be_told_apart_limits_the_duty():
     assert temperatures.size == 2 * 16
     assert 95.0 < temperatures.max() < 100.5
     assert temperatures.min() < 70.0
+
+
+@dataclasses.dataclass
+class RootLaw(LinearLaw):
+    """A law that is hotter at half duty than midway between off and on."""
+
+    def rates(self, x, D, T0):
+        return super().rates(x, np.sqrt(D), T0)
+
+
+def test_a_law_that_is_not_affine_in_the_duty_is_refused():
+    limb = LimbParameters()
+    limb.wires[1].law = RootLaw()
+    limited = functools.partial(LimitedDuty, duty=PiecewisePolynomial([[0.1], [0.1]]))
+    for make in (Limb, limited):
+        with pytest.raises(LimbError, match="rates of RootLaw are not affine in the duty"):
+            make(limb)

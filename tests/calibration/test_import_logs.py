@@ -191,6 +191,11 @@ def test_any_table_of_a_spreadsheet(tmp_path):
     found, (recording,), remarks = read(path)
     assert [wire.temperature for wire in found.mapping.wires] == ["T2 [F]", "T1 [F]"]
     check(recording, truth)
+    # The applied duty is the mean since the row before, so that it has the heat of the log's rows.
+    taken, first = np.unique((recording.time - recording.sample_age).round(6), return_index=True)
+    heat = (recording.applied_duty[:, first[1:]] * np.diff(taken)).sum(axis=1)
+    duty = np.round(255 * truth.duty[:, keep]) / 255
+    np.testing.assert_allclose(heat, duty[:, :-1] @ np.diff(truth.time[keep]), rtol=1e-5)
     assert recording.sample_rate == pytest.approx(20.0, rel=0.05)
     assert any("lack a reading" in remark for remark in remarks)
 

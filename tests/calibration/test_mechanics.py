@@ -38,12 +38,14 @@ from limb_systems import (
     BendSensor,
     ChordSensor,
     Limb,
+    LimbModel,
     LimbParameters,
     Recording,
     SegmentParameters,
     TipTangentSensor,
     simulate,
 )
+from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.statics import static_equilibrium
 from walking import RobotParameters
 from walking.robot_twin import RobotSpecimen
@@ -316,6 +318,25 @@ def test_the_model_rings_down_from_where_a_limb_that_rests_bent_was_released(ben
     assert simulated.offset == pytest.approx(0.12, abs=0.005)
     assert simulated.amplitude == pytest.approx(measured.amplitude, rel=0.03)
     assert fit.remarks == []
+
+
+def test_a_limb_in_space_rings_down_as_it_hangs():
+    """A weight at its tip raises its frequency, by which its model must ring, too."""
+    limb = LimbParameters.in_space(links=2)
+    limb.gravity = [9.81, 0.0, 0.0]
+    limb.payload = 0.05
+    model = LimbModel.of(limb)
+    swing = joint_angles_from_bend_angle(limb, [0.5, 0.3])
+    state = np.concatenate([swing, 0 * swing, model.wires.cold_states, np.full(3, 25.0)])
+    recording = simulate(
+        Limb(limb), np.zeros(3), 3.0, sample_rate=100.0, initial_state=state, accuracy=1e-5
+    )
+    start = copy.deepcopy(limb)
+    start.segments[0].damping *= 2.0
+    fit = fit_damping(start, [recording])
+    assert fit.damping.value == pytest.approx(limb.segments[0].damping, rel=0.03)
+    (measured,), (simulated,) = fit.measured, fit.simulated
+    assert simulated.frequency == pytest.approx(measured.frequency, rel=0.01)
 
 
 def test_sag_and_ring_down_tell_k_together_by_their_errors():

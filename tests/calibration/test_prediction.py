@@ -1,5 +1,6 @@
 """Calibration by prediction error, on data of known laws."""
 
+import copy
 import dataclasses
 import functools
 import types
@@ -24,7 +25,12 @@ from calibration.prediction.selection import (
     is_beaten,
     simplest_unbeaten_law,
 )
-from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
+from calibration.prediction.unknowns import (
+    laws_before_fit,
+    slopes_of,
+    unknowns_of,
+    values_of,
+)
 from calibration.remarks import CalibrationError, remarks_on_start
 from limb_systems import (
     CoupledLaw,
@@ -325,9 +331,20 @@ def test_words_and_fields_without_a_range_stay_as_described():
         assert (type(wire.law), wire.law.supply, wire.law.factor) == (SupplyLaw, "half", 0.8)
         a2 = expected.estimates[f"{wire.name}.a2"]
         assert wire.law.a2 == pytest.approx(a2.value / 0.4, rel=0.1)
+    # A wire that is described by another law gets the words.
+    mixed = copy.deepcopy(described)
+    mixed.wires[0].law = LinearLaw()
+    assert [law.supply for law in laws_before_fit(SupplyLaw, mixed)] == ["half", "half"]
     described.wires[0].law.supply = "whole"
     with pytest.raises(LimbError, match="several words for supply, half and whole; use one"):
         fit_law(SupplyLaw, [run], described, AMBIENT)
+
+
+@dataclasses.dataclass
+class GainLaw(LinearLaw):
+    """A lab's law with a field without a default."""
+
+    gain: float = dataclasses.field(kw_only=True)
 
 
 def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
@@ -335,6 +352,8 @@ def test_no_limb_is_built_of_symbols_that_differ_from_the_law_in_numbers():
         Limb(limb_with(BranchLaw))
     with pytest.raises(LimbError, match=r"law \(ComparingLaw\) takes no symbols: .* truth value"):
         Limb(limb_with(ComparingLaw))
+    with pytest.raises(LimbError, match="field gain of GainLaw has no default, from which"):
+        Limb(limb_with(functools.partial(GainLaw, gain=1.0)))
     Limb(limb_with(SwitchedLaw))
     with pytest.raises(LimbError, match="SwitchedLaw gives other values with symbols"):
         Limb(limb_with(functools.partial(SwitchedLaw, cooling="uneven")))
@@ -380,15 +399,19 @@ def test_a_plan_is_expected_to_miss_by_what_is_left_and_by_what_is_unknown():
     limb = fit_of("two masses", "conditioning").calibrated(limb_with(LAWS["two masses"]))
     run = HeatedRun.of(recording_of("two masses", "motion_1"))
 
-    def miss(error: float, share: float = 1.0) -> PlanMiss:
-        smaller = dataclasses.replace(run, bend=share * run.bend)
-        predicted = [Predicted(smaller, run.temperature, smaller.bend + error)]
-        return plan_miss(limb, predicted, predicted, [error], 2.0 * error)
+    def miss(error: float, *, judged_share: float = 1.0, fitted_share: float = 1.0) -> PlanMiss:
+        groups = []
+        for share in (judged_share, fitted_share):
+            smaller = dataclasses.replace(run, bend=share * run.bend)
+            groups.append([Predicted(smaller, run.temperature, smaller.bend + error)])
+        return plan_miss(limb, *groups, [error], 2.0 * error)
 
     unknown = miss(0.0).expected
     assert np.deg2rad(0.3) < unknown < np.deg2rad(4.0)  # the sensor's drift is 1°
     assert miss(0.1).expected > 0.99 * np.hypot(unknown, 0.1)
-    assert miss(0.1, share=0.3).expected > 1.3 * miss(0.1).expected  # which plans will exceed
+    # Plans will exceed what judged, or what was fitted.
+    assert miss(0.1, judged_share=0.3).expected > 1.3 * miss(0.1).expected
+    assert miss(0.1, fitted_share=0.3).expected > 1.3 * miss(0.1).expected
     assert f"will miss by 0.0° to {np.rad2deg(2 * unknown):.1f}°" in miss(0.0).in_words
     assert miss(0.1).low == pytest.approx(0.05)
     assert [r.kind for e in (0.0, 0.1, 1.0) for r in miss(e).remarks] == ["off", "far"]

@@ -116,6 +116,21 @@ def test_ambient_is_what_unheated_wires_read(model_recordings):
         ambient_temperature([reading(left, (0, 1), lambda v: 0 * v)])
 
 
+def test_the_error_of_the_room_is_the_scatter_of_thermocouples_and_recordings(model_recordings):
+    """The left wire's are apart by 1 °C; where it is heated they do not count."""
+    (sag,) = model_recordings["sag"]
+    (left,) = model_recordings["left"]
+    recordings = []
+    for recording, level in ((sag, 22.0), (sag, 23.0), (sag, 24.0), (left, 24.5)):
+        readings = np.full((2, len(recording.time)), [[level], [24.0]])
+        readings[:, recording.time - recording.time[0] < 2.0] += 0.1
+        recordings.append(dataclasses.replace(recording, measured_temperature=readings))
+    ambient = ambient_temperature(recordings)
+    assert ambient.value == pytest.approx((23.0 + 24.0) / 2)
+    error_of_left = np.sqrt(2 / 3) / np.sqrt(3)
+    assert ambient.standard_error == pytest.approx(np.hypot(0.5, error_of_left) / np.sqrt(2))
+
+
 def test_the_room_is_not_as_warm_as_recordings_that_are_never_cold(model_recordings):
     (right,) = model_recordings["right"]
     cooling = 35.0 + 40.0 * np.exp(-right.time / 15.0)
@@ -128,6 +143,8 @@ def test_the_room_is_not_as_warm_as_recordings_that_are_never_cold(model_recordi
     for described, expected in ((25.0, 25.0), (34.0, 35.0)):
         ambient = ambient_temperature([with_room(described)])
         assert ambient.value == pytest.approx(expected, abs=0.1)
+        if described == 25.0:  # where the coldest reading is 10 °C above
+            assert ambient.standard_error == pytest.approx(5.0, abs=0.1)
     with pytest.raises(CalibrationError, match=r"are 35 °C, where ambient is 5 °C: .* Fahrenheit"):
         ambient_temperature([with_room(5.0)])
 

@@ -122,6 +122,21 @@ def test_gains_and_random_errors_are_estimated_from_changes():
     assert SHARES[np.argmax(likely)] == pytest.approx(0.3, rel=0.35)
 
 
+def test_a_limb_changes_a_little_between_repetitions_also_with_a_sensor_that_does_not():
+    """0.1° of the same duty is likely; 1° is not."""
+    learner = Learner(plan_of(limb(0.0, 0.0)))
+    (regression,) = learner._bend_regressions
+    nodes = learner.nodes
+    none = np.zeros((1, len(nodes), 2))
+    estimate = regression.estimate(np.zeros((1, len(nodes))), none, 0.3)
+    likelihoods = [
+        regression.likelihoods(estimate, np.full(len(nodes), np.deg2rad(offset)), none[0]).max()
+        for offset in (0.0, 0.1, 1.0)
+    ]
+    assert likelihoods[1] > likelihoods[0] - 2.0
+    assert likelihoods[2] < likelihoods[0] - 20.0
+
+
 def test_correction_is_that_of_least_squares_where_no_bound_is_active():
     """With slopes by differences, in one dense system; half of each wire's change is doubted."""
     plan = plan_of(limb())
@@ -178,11 +193,15 @@ def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
         for _ in range(repetitions):
-            learner.update(plant.repeat(learner))
+            repetition = learner.update(plant.repeat(learner))
             errors.append(plant.error(learner))
         assert errors[0] > 1.0
         assert errors[-1] < 0.5 * errors[0]
         assert max(np.diff(errors)) < 0.0
+        # The sensor drifts; the estimate of the distance is nearer to the truth than the reading.
+        distances = [repetition.estimated_distance, repetition.reference_distance]
+        estimated, read = np.abs(np.rad2deg(distances) - errors[-1])
+        assert estimated < 0.5 * read
 
 
 def test_the_mean_distance_counts_where_a_reference_is_out_of_reach(monkeypatch):

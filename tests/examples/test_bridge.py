@@ -1,18 +1,22 @@
 """The bridge to ROS 2, to which another process speaks over DDS."""
 
+import json
 import os
 import random
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
-from ros_bridge.drive import ARMED, RUNNING, Driver
-from ros_bridge.messages import Listener, ReceivedMessage, Topics
+from ros_bridge.drive import ARMED, FAULT, IDLE, RUNNING, Driver, drive
+from ros_bridge.messages import Listener, ReceivedCommands, ReceivedMessage, Topics
 
-from limb_systems import LimbParameters
+from hardware import LimbTwin
+from limb_systems import LimbError, LimbParameters
 from planners import plan, references
 
 pytest.importorskip("cyclonedds")
@@ -138,6 +142,45 @@ def test_ends_by_a_signal(bridge, peer):
     bridge.terminate()
     assert bridge.wait() == 128 + signal.SIGTERM
     assert "wires are off" in bridge.stderr.read()
+
+
+@pytest.mark.parametrize(
+    ("failure", "state"),
+    [
+        (LimbError("The cable is gone."), {"state": FAULT, "why": "The cable is gone."}),
+        (KeyboardInterrupt(), {"state": IDLE, "why": "the bridge has ended"}),
+    ],
+)
+def test_wires_are_off_before_the_end_is_published(failure, state, monkeypatch):
+    """On any way out; then the other process ends."""
+    calls = mock.Mock()
+    limb = LimbTwin(seed=0)
+    monkeypatch.setattr(LimbTwin, "real_time", True)
+    monkeypatch.setattr(LimbTwin, "close", calls.off, raising=False)
+    monkeypatch.setattr("ros_bridge.drive.NodeProcess", lambda *_: calls.node)
+    monkeypatch.setattr("ros_bridge.drive._loop", mock.Mock(side_effect=failure))
+    with pytest.raises(type(failure)):
+        drive(limb)
+    published = mock.call.node.publish({"/limb/state": json.dumps(state)})
+    assert calls.mock_calls == [mock.call.off(), published, mock.call.node.close(), mock.call.off()]
+
+
+def test_a_limb_that_cuts_out_ends_the_bridge(monkeypatch):
+    """Each tick applies the newest duty, and publishes it with the readings."""
+    parameters = LimbParameters()
+    parameters.temperature_limits.maximum = 150.0
+    node = mock.Mock()
+    node.receive.side_effect = 1000 * [ReceivedCommands((0.1, 0.6), time.monotonic() + 1e3)]
+    monkeypatch.setattr("ros_bridge.drive.NodeProcess", lambda *_: node)
+    monkeypatch.setattr("ros_bridge.drive.time.sleep", lambda _: None)
+    with pytest.raises(LimbError, match="was measured at 110 °C or more"):
+        drive(LimbTwin(parameters, seed=0))
+    *ticks, end = (call.args[0] for call in node.publish.mock_calls)
+    assert json.loads(end["/limb/state"])["state"] == FAULT
+    assert json.loads(ticks[-2]["/limb/state"])["duty"] == pytest.approx([0.1, 0.6], abs=3e-3)
+    readings = np.array([list(tick["/ezloophw_sensors"].values()) for tick in ticks])
+    assert readings[-1, 1] >= 110.0 > readings[:-1, 1].max()
+    assert readings[-1, 2] > readings[0, 2] + 0.3  # towards the right
 
 
 class Network:

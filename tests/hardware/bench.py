@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from hardware.board.board_check import WIDE_BOUNDS, Bounds, Host, NotRunError
+from hardware.board.board_check import GENTLE_DUTY, WIDE_BOUNDS, Bounds, Host, NotRunError
 from hardware.board.link import HardwareError, Sample, SerialPort, shares_of
 from hardware.firmware import from_host, guard, protocol
 from limb_systems import LimbParameters
@@ -37,9 +37,11 @@ def state_of(sample: Sample) -> str:
 class Bench(Host):
     """A board on the bench.
 
+    - ``ask``: see below.
     - ``received``: all bytes.
     - ``rest``: first sample of all, when the wires were cold.
     - ``shares``: the shares of the limb's wires, see `shares_of`.
+    - ``gentle_duty``: a duty of all wires that warms them little.
     """
 
     def __init__(
@@ -55,7 +57,9 @@ class Bench(Host):
         """
         limb = limb or LimbParameters()
         super().__init__(cable, limb)
-        self._ask, self.shares = ask, shares_of(limb)
+        self.ask = ask
+        self.shares = shares_of(limb)
+        self.gentle_duty = self.same_duty(GENTLE_DUTY)
         self.received = bytearray()
         self.rest: Sample | None = None
 
@@ -85,11 +89,6 @@ class Bench(Host):
     def only(self, wire: int, share: float) -> list[float]:
         """A duty for one wire, and none for the others."""
         return [share * (number == wire % len(self.names)) for number in range(len(self.names))]
-
-    @property
-    def asks(self) -> bool:
-        """Whether something can be done at the robot."""
-        return self._ask is not None
 
     def ensure_off(self) -> Sample:
         """As of `Host`; clears a fault that a check has made."""
@@ -153,6 +152,15 @@ class Bench(Host):
             )
         return ended
 
+    def hold_until_off(self, duty: Sequence[float], seconds: float) -> None:
+        """`hold` a duty, at most until the board is off."""
+        self.hold(duty, seconds, until=lambda sample: not sample.armed)
+
+    def heat_gently(self, seconds: float = 0.2) -> None:
+        """Arm, and hold a gentle duty of all wires."""
+        self.arm()
+        self.hold(self.gentle_duty, seconds)
+
     # What happens at the robot.
 
     def do(self, order: str, by_hand: str) -> None:
@@ -170,7 +178,7 @@ class Bench(Host):
     def tell(self, order: str, by_hand: str) -> None:
         """Have something done while the board is in whatever state; NotRunError if it is not."""
         order, by_hand = (text.format(self.names[0], self.names[-1]) for text in (order, by_hand))
-        if self._ask is None or not self._ask(order, by_hand):
+        if self.ask is None or not self.ask(order, by_hand):
             raise NotRunError("what it needs at the robot was not done")
 
     @contextlib.contextmanager

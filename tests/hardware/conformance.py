@@ -17,7 +17,6 @@ from hardware.board import board_check
 from hardware.board.board_check import (
     CASES,
     FAILED,
-    GENTLE_DUTY,
     NOMINAL_BOUNDS,
     POLL_INTERVAL,
     WIDE_BOUNDS,
@@ -70,7 +69,7 @@ def _added(name: str, sentence: str, section: str, by: str, check: Callable[[Ben
     """Add a rule to `RULES`; ``check`` raises if the board breaks it."""
 
     def run(bench: Bench) -> str:
-        if by and not bench.asks:
+        if by and not bench.ask:
             raise NotRunError("it needs a hand at the robot")
         if bench.newest.latched:
             raise NotRunError(f"the board cannot be armed: {state_of(bench.newest)}")
@@ -120,7 +119,8 @@ def _expect_off(sample: Sample, when: str, *reasons: int) -> None:
 def _samples_every_50_ms(bench: Bench) -> None:
     """A SAMPLE comes every 50 ms, twice; its sequence increases by 1, and its time is in ms."""
     bench.next_sample()
-    count, start = len(bench.samples) - 1, len(bench.received)
+    count = len(bench.samples) - 1
+    start = len(bench.received)
     bench.wait(2.0)
     samples, received = bench.samples[count:], bench.received[start:]
     counted, arrived, numbers = np.diff(
@@ -147,9 +147,11 @@ def _samples_every_50_ms(bench: Bench) -> None:
 @_rule("frames")
 def _frames_are_valid(bench: Bench) -> None:
     """Frames have their version, length and CRC-32; the byte 03 is sent as 7D 23."""
-    rejected, start = bench.parser.rejected, len(bench.received)
+    rejected = bench.parser.rejected
+    start = len(bench.received)
     bench.wait(2.0)
-    received, damaged = bytes(bench.received[start:]), bench.parser.rejected - rejected
+    received = bytes(bench.received[start:])
+    damaged = bench.parser.rejected - rejected
     expect(damaged == 0, f"{damaged} frames were damaged; expected none")
     other = bench.parser.other_version
     expect(other is None, f"frames are of version {other}; expected {VERSION}")
@@ -254,23 +256,22 @@ def _arm_arms(bench: Bench) -> None:
     """ARM with the newest challenge arms, without duty; while armed it has no effect."""
     _expect_armed(bench)
     expect(bench.newest.reason == 0, f"it is armed with reason {bench.newest.reason}; expected 0")
-    bench.arm()
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
+    bench.heat_gently()
     bench.ensure_off()
     bench.arm()
     _expect_duty(bench.next_sample(0.05), bench.same_duty(0.0), "after ARM, before any COMMAND")
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.15)
+    bench.hold(bench.gentle_duty, 0.15)
     number = bench.sequence
     session = bench.session
     bench.send_arm([NOMINAL_BOUNDS] * len(bench.names), 0.01, session)
-    bench.stray(bench.same_duty(GENTLE_DUTY), sequence=number + 1)
+    bench.stray(bench.gentle_duty, sequence=number + 1)
     sample = bench.next_sample(0.05)
     expect(
         sample.armed and sample.acknowledged == number + 1,
         f"after a second ARM {state_of(sample)}, and command {sample.acknowledged} is the last; "
         f"expected armed, and {number + 1}",
     )
-    _expect_duty(sample, bench.same_duty(GENTLE_DUTY), "after a second ARM")
+    _expect_duty(sample, bench.gentle_duty, "after a second ARM")
 
 
 @_rule("what-a-board-must-do", "hand")
@@ -371,10 +372,10 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     """COMMAND has no effect if it is old, late, repeated or of another session, nor while off."""
     bench.arm()
     before = bench.session
-    bench.command(bench.same_duty(GENTLE_DUTY))
+    bench.command(bench.gentle_duty)
     bench.next_sample(0.05)
     for session in (before, bench.ensure_off().challenge, 0):
-        bench.stray(bench.same_duty(GENTLE_DUTY), sequence=1000, session=session)
+        bench.stray(bench.gentle_duty, sequence=1000, session=session)
         _expect_off(bench.next_sample(), "after a COMMAND while it was off")
     bench.arm()
     bench.hold(bench.same_duty(0.02), 0.4)
@@ -385,23 +386,22 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     commands += [(f"of the sequence {number}", {"sequence": number}) for number in (0, 1, 5, 40000)]
     # The last of these answers a sample that is not yet.
     commands += [(f"that answers a sample {age:g} s old", {"age": age}) for age in (0.3, 5.0, -1.0)]
-    commands += [("for a wire more", {"duty": [GENTLE_DUTY] * (len(bench.names) + 1)})]
-    commands += [("for a wire less", {"duty": [GENTLE_DUTY] * (len(bench.names) - 1)})]
+    asked = bench.same_duty(0.02)
+    commands += [("for a wire more", {"duty": [*bench.gentle_duty, bench.gentle_duty[0]]})]
+    commands += [("for a wire less", {"duty": bench.gentle_duty[1:]})]
     for what, command in commands:
-        asked = bench.same_duty(0.02)
         bench.command(asked)
         bench.next_sample()
-        bench.stray(bench.same_duty(GENTLE_DUTY), sequence=bench.sequence)
-        bench.stray(**{"duty": bench.same_duty(GENTLE_DUTY)} | command)
+        bench.stray(bench.gentle_duty, sequence=bench.sequence)
+        bench.stray(**{"duty": bench.gentle_duty} | command)
         _expect_duty(bench.next_sample(), asked, f"after a command {what}, and one that repeats")
 
 
 def _last_command(bench: Bench) -> float:
     """Ends a series of commands; the time of the SAMPLE that the last one answered, s."""
-    bench.arm()
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.3)
+    bench.heat_gently(0.3)
     answered = bench.next_sample().board_time
-    bench.command(bench.same_duty(GENTLE_DUTY))
+    bench.command(bench.gentle_duty)
     return answered
 
 
@@ -410,19 +410,14 @@ def _duty_ends_in_time(bench: Bench) -> None:
     """A duty holds until 250 ms after its COMMAND, and 290 ms after the SAMPLE it answers."""
     answered = _last_command(bench)
     while (age := bench.next_sample().board_time - answered) <= 0.22:
-        _expect_duty(
-            bench.newest,
-            bench.same_duty(GENTLE_DUTY),
-            f"{1000 * age:.0f} ms after the last command",
-        )
+        when = f"{1000 * age:.0f} ms after the last command"
+        _expect_duty(bench.newest, bench.gentle_duty, when)
     bench.ensure_off()
     for after, answers_it, within in ((0.27, False, 0.36), (0.19, True, 0.385)):
         answered = _last_command(bench)
         # A SAMPLE tells too late when it ended; but a board that is off takes no command any more.
         bench.wait(after)
-        bench.stray(
-            bench.same_duty(GENTLE_DUTY), age=answers_it * (bench.newest.board_time - answered)
-        )
+        bench.stray(bench.gentle_duty, age=answers_it * (bench.newest.board_time - answered))
         ended = bench.sees(lambda sample: not sample.armed, 1.0)
         age = bench.newest.board_time - answered
         expect(
@@ -457,7 +452,7 @@ def _make_fault(bench: Bench) -> None:
     bench.cool(min)
     bench.arm(STRONG)
     duty = bench.only(int(np.argmin(bench.newest.temperature)), 0.3)
-    bench.hold(duty, 6.0, until=lambda sample: not sample.armed)
+    bench.hold_until_off(duty, 6.0)
     _expect_off(bench.newest, "where ARM said that the wire warms by 60 °C/s at least", 21)
 
 
@@ -483,7 +478,7 @@ def _warmth_without_heat_latches(bench: Bench) -> None:
     """A reading above the band latches 24."""
     bench.arm(WEAK)
     duty = bench.only(int(np.argmin(bench.newest.warmest)), 0.3)  # of which it knows the least heat
-    bench.hold(duty, 15.0, until=lambda sample: not sample.armed)
+    bench.hold_until_off(duty, 15.0)
     seen = bench.newest
     bench.switch_off()
     bench.cool(max)  # or else a board takes the thermocouple for a wrong one
@@ -530,7 +525,7 @@ def _detached_thermocouple_latches(bench: Bench) -> None:
         bench.next_sample()
         bench.clear()  # it may have jumped
         bench.arm(NOMINAL_BOUNDS)
-        bench.hold(bench.same_duty(0.15), 10.0, until=lambda sample: not sample.armed)
+        bench.hold_until_off(bench.same_duty(0.15), 10.0)
         _expect_off(bench.newest, "10 s after it was heated", 21)
 
 
@@ -641,27 +636,25 @@ for _what, *_fault in (
 @_rule("what-a-board-must-do", "order")
 def _bad_reading_is_borne(bench: Bench) -> None:
     """A single bad reading is sent as none, and ends the duty of its wire alone until the next."""
-    bench.arm()
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
+    bench.heat_gently()
     bench.tell("glitch {0} 1", "")
     start = len(bench.samples)
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.5)
+    bench.hold(bench.gentle_duty, 0.5)
     bad = [sample for sample in bench.samples[start:] if np.isnan(sample.temperature).any()]
     expect(
         len(bad) == 2 and all(np.isnan(sample.temperature[0]) for sample in bad),
         f"{len(bad)} samples had no reading; expected the two samples of one",
     )
     for sample in bad:
-        _expect_duty(sample, [0.0, *bench.same_duty(GENTLE_DUTY)[1:]], "without a reading")
+        _expect_duty(sample, [0.0, *bench.gentle_duty[1:]], "without a reading")
     expect(bench.newest.armed, f"{state_of(bench.newest)} after it; expected it to be armed")
-    _expect_duty(bench.newest, bench.same_duty(GENTLE_DUTY), "after the next reading")
+    _expect_duty(bench.newest, bench.gentle_duty, "after the next reading")
 
 
 @_rule("what-a-board-must-do", "order")
 def _watchdog_resets(bench: Bench) -> None:
     """A watchdog resets a board whose program hangs, which latches 27."""
-    bench.arm()
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
+    bench.heat_gently()
     bench.tell("stall 5.0", "")
     bench.wait(0.3)
     _expect_off(bench.next_sample(), "after its program hung", 27)
@@ -670,8 +663,7 @@ def _watchdog_resets(bench: Bench) -> None:
 @_rule("what-a-board-must-do", "order")
 def _clock_that_stands_latches(bench: Bench) -> None:
     """A clock that stands still latches 28."""
-    bench.arm()
-    bench.hold(bench.same_duty(GENTLE_DUTY), 0.2)
+    bench.heat_gently()
     bench.tell("stop clock", "")
     bench.wait(2.0)
     bench.tell("mend", "")
@@ -692,7 +684,7 @@ def _frozen_thermocouple_latches(bench: Bench) -> None:
         seen.armed and 0 < seen.duty[0] < 0.07,
         f"{state_of(seen)}, at {_percent(seen.duty)} 9.7 s after it froze; expected below 7%",
     )
-    bench.hold(bench.only(0, 0.08), 13.0, until=lambda sample: not sample.armed)
+    bench.hold_until_off(bench.only(0, 0.08), 13.0)
     _expect_off(bench.newest, "22 s after it froze", 21)
     bench.do("mend", UNDO)
 

@@ -7,6 +7,7 @@ import signal
 import termios
 import threading
 import tty
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -350,6 +351,16 @@ def test_a_program_that_a_signal_has_ended_heats_no_wire(virtual_time, board, mo
         for heat in (lambda: link.arm(BOUNDS), lambda: link.command(np.zeros(2))):
             with pytest.raises(KeyboardInterrupt):
                 heat()
+
+
+def test_a_command_that_fails_is_reported_to_the_other_boards(board):
+    with BoardLink(board.port) as link:
+        link.when_off = mock.Mock()
+        board.write(sample(1, guard.ARMED, guard.NO_REASON))
+        link.sample()
+        with pytest.raises(HardwareError) as error:
+            link.command([0.0, np.nan])
+        link.when_off.assert_called_once_with(str(error.value))
 
 
 def test_a_fault_that_stays_is_not_cleared(virtual_time, board):

@@ -24,6 +24,7 @@ from bokeh.document import Document
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
 from hardware.board.link import Sample
 from hardware.firmware import guard
@@ -63,6 +64,7 @@ def beginning(motion) -> Trajectory:
 
 
 PROGRAM = """
+from controllers import Learner
 from hardware import LimbTwin, replay
 from limb_systems import Trajectory
 from soft_limb.command import run_command
@@ -216,7 +218,9 @@ def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch,
     assert replayed.ended == ["done", "left"]
     first, second = learned.said
     assert first == "Repetition 1 of 2"
-    assert second == "Repetition 2 of 2"
+    earlier = Learner.load(tmp_path / "l" / "learning.txt").repetitions[0]
+    distance = f"{np.rad2deg(earlier.reference_distance):.2f}°"
+    assert second == f"Repetition 2 of 2; mean distance from the reference before: {distance}"
     assert (len(replayed.phases), len(learned.phases), learned.rested) == (1, 2, 2)
     assert main(["replay", path, "-o", str(tmp_path / "unseen.csv")]) == 0
     assert len(pages) == 2

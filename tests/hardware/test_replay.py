@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from hardware import LimbTwin, ReplayError, replay
 from limb_systems import (
@@ -98,10 +99,12 @@ class Steady(LeafSystem):
     def __init__(self, duty=0.1, gain=0.0, **inputs):
         super().__init__()
         ports = [self.DeclareVectorInputPort(name, size) for name, size in inputs.items()]
-        self.seen = []
+        self.seen, self.num_threads = [], set()
 
         def calc(context, output):
             self.seen = [port.Eval(context) for port in ports]
+            blas = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+            self.num_threads = {pool["num_threads"] for pool in blas}
             output.SetFromVector(np.full(2, duty + gain * sum(x.sum() for x in self.seen)))
 
         self.DeclareVectorOutputPort("duty", 2, calc)
@@ -112,7 +115,10 @@ def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
     for limb in (Limb(), LimbTwin(seed=1)):
         controller = Steady(**inputs)
         journal = tmp_path / "journal.csv"
-        recording = replay(beginning(fig5_plan, 6), limb, controller=controller, journal=journal)
+        with threadpool_limits(2, "blas"):
+            start = beginning(fig5_plan, 6)
+            recording = replay(start, limb, controller=controller, journal=journal)
+        assert controller.num_threads == {1}
         np.testing.assert_allclose(recording.duty, 0.1)
         np.testing.assert_allclose(recording.time, np.arange(11) / 20)
         angle, measurement, temperature = controller.seen

@@ -1,6 +1,8 @@
 """Stations by scenarios: simulated, emulated and on a board, and scenarios that are wrong."""
 
+import contextlib
 import dataclasses
+import logging
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from hardware import (
     drive,
     emulated_port,
 )
+from hardware.station import _refuse_replaced_inertia
 from limb_systems import Limb, LimbError, LimbParameters, PlanCheck, WireColors, simulate
 from urdf import limb_sdf
 
@@ -148,6 +151,14 @@ def test_bodies_that_no_parser_would_keep_are_refused(scenario):
     path.write_text(plate.format("1.100000001e-5"))
     with pytest.raises(StationError, match=r"plate\.urdf:\d+: .*1\.100000001e-05 kg.* ball"):
         Station(scenario)
+    # Nor is the message lost among others.
+    log = logging.getLogger("drake")
+    with contextlib.ExitStack() as loading:
+        loading.enter_context(_refuse_replaced_inertia())
+        for message in ("a.urdf:1: warning: While parsing inertia", *["another"] * 10_000):
+            log.warning(message)
+        with pytest.raises(StationError, match=r"a\.urdf:1: the moments"):
+            loading.close()
 
 
 def test_inputs_that_do_not_fit_are_refused(scenario):

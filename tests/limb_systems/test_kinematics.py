@@ -18,6 +18,7 @@ from limb_systems import (
     make_manipulator,
     tip_position,
 )
+from limb_systems.kinematics import wrap_angle
 from limb_systems.monte_carlo import OpenLoop, stack_limbs
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.symbolic_chain import Chain
@@ -152,3 +153,10 @@ def test_bends_are_smooth_where_the_chain_is_straight(mechanics):
         trapezoid = 0.5 * (derivative[1:] + derivative[:-1]) @ steps[..., None]
         largest = np.abs(np.diff(given, axis=0) - trapezoid[..., 0])
         assert (largest < 3e-2 * np.linalg.norm(steps, axis=1)[:, None] ** 3 + 1e-14).all()
+
+
+def test_an_angle_and_the_same_after_turns_are_one():
+    degrees = np.array([-180.0, 180.0, 190.0, -530.0, 540.0, np.nan])
+    expected = [180.0, 180.0, -170.0, -170.0, 180.0, np.nan]
+    np.testing.assert_allclose(wrap_angle(degrees, 360.0), expected)
+    np.testing.assert_allclose(wrap_angle(np.deg2rad(degrees)), np.deg2rad(expected))

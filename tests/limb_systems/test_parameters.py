@@ -204,5 +204,6 @@ def test_a_field_that_a_later_version_adds_leaves_emulated_boards_their_numbers(
         later = _LaterLimb(**vars(limb))
         assert later.serial_number == limb.serial_number
         assert dataclasses.replace(later, room="cellar").serial_number != limb.serial_number
-    assert EmulatedLimb(3, physics="rod").identity == "(3, '', [], [], 'rod')"
+    assert EmulatedLimb(3, physics="rod").identity == "(3, '', [], [], ('physics', 'rod'))"
+    assert EmulatedLimb(3, physics="rod").identity != EmulatedLimb(3, limb="rod").identity
     assert EmulatedLimb(3, extra=["bond"]).identity == "(3, '', [], ['bond'])"

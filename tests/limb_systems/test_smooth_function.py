@@ -86,10 +86,19 @@ def test_drakes_scalars_pass_through():
     np.testing.assert_allclose(ExtractGradient(actual), expected, rtol=1e-14)
 
 
-def test_operations_that_are_not_smooth_are_refused():
+NOT_SMOOTH = {
+    "fmax": lambda x: ca.fmax(x, 0.0),
+    "sign": ca.sign,
+    "le": lambda x: x * (x <= 1.0),
+    "if_else_zero": lambda x: ca.if_else(x, 1.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", NOT_SMOOTH)
+def test_operations_that_are_not_smooth_are_refused(name):
     x = ca.SX.sym("x")
-    with pytest.raises(LimbError, match="uses fmax, which is not smooth"):
-        check_smooth(ca.Function("law", [x], [ca.fmax(x, 0.0)]))
+    with pytest.raises(LimbError, match=f"uses {name}, which is not smooth"):
+        check_smooth(ca.Function("law", [x], [NOT_SMOOTH[name](x)]))
 
 
 def test_threads_do_not_mix_their_points():

@@ -83,7 +83,7 @@ def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
 
 def test_csv_that_is_no_reference_is_refused(tmp_path):
     for text, message in [
-        ("0,0\n1,nan\n", "not finite at its sample 1"),
+        ("0,0\n1,nan\n", r"Row 2 of the reference is 1, nan \(s, °\)"),
         ("0,0\n", "two samples or more"),
         ("0,0\n2,1\n1,2\n", "from 2 s to 1 s; time must increase"),
         ("time,angle\n0,0\n", "number of times: 1, of angles: 1"),

@@ -247,11 +247,29 @@ def test_a_users_law_is_imported_for_a_command(tmp_path, monkeypatch, capsys):
         ("plan mine.csv --knot-rate 1e308 -o out.csv", "ask for fewer knots per second"),
         ("teach --emulated 1 -t nan -o out.csv", "--time is nan s; it must be above 0 and at most"),
         ("plan path.csv --tip -o out.csv", "two coordinates of the tip, .* write axes: 2 into"),
+        (
+            f"plan ramps --task {'t' * 300} -o out.csv",
+            "error: Cannot use t{300}: File name too long.",
+        ),
+        (
+            "plan mine.csv -l robot.yaml -o out.csv",
+            "robot.yaml is a robot of several limbs",
+        ),
+        ("plan mine.csv -l empty.csv -o out.csv", "empty.csv: the document must .*, but is empty."),
+        ("plan mine.csv --start 1e9 -o out.csv", "above T_max = .*; let it cool first."),
+        (
+            "collect -p rear=none -o out.csv",
+            "given for rear, but this is a single limb; give --port",
+        ),
+        ("fit none -o out.yaml", "no recordings in none; soft-limb collect"),
+        ("emulate --one-board", "--one-board is for a robot; give its description"),
     ],
 )
 def test_invalid_input_gives_one_sentence(line, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty.csv").touch()
+    (tmp_path / "none").mkdir()
+    (tmp_path / "robot.yaml").write_text("limbs: []\n")
     (tmp_path / "mine.csv").write_text("0,0\n3,5\n")
     (tmp_path / "path.csv").write_text("0,0,0\n3,5,5\n")
     simulate(Limb(), [0.0, 0.0], 1.0).save("taught.csv")

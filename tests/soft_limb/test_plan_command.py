@@ -2,11 +2,13 @@
 
 import json
 import re
+import signal
 
 import numpy as np
 import pytest
 
-from limb_systems import Limb, LimbParameters, Trajectory, simulate
+from hardware.board.signals import SIGNALS
+from limb_systems import Limb, LimbError, LimbParameters, Trajectory, simulate
 from soft_limb.command import main
 
 
@@ -65,6 +67,18 @@ def test_json_agrees_with_the_file(quick, tmp_path, capsys):
     assert said["reference_missed_largest_deg"] == pytest.approx(missed.max())
     mean = np.trapezoid(missed, trajectory.time) / 4.0
     assert said["reference_missed_mean_deg"] == pytest.approx(mean, rel=0.02)
+
+
+def test_signals_end_the_process_at_once_while_it_plans(quick, tmp_path, monkeypatch):
+    handlers = []
+
+    def plan(*_, **__):
+        handlers.extend(signal.getsignal(number) for number in SIGNALS)
+        raise LimbError("no plan")
+
+    monkeypatch.setattr("soft_limb.commands.planners.plan", plan)
+    assert main([*quick, "-o", str(tmp_path / "plan.csv")]) == 1
+    assert handlers == [signal.SIG_DFL] * len(SIGNALS)
 
 
 def test_failure_is_one_sentence_status_1_and_no_file(quick, tmp_path, capsys):

@@ -30,14 +30,15 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch):
     said = capsys.readouterr()
     assert re.match(r"takes about \d+ s for 2 repetitions of ", said.err)
     lines = said.out.splitlines()
-    assert re.fullmatch(
-        r"repetition  1: as read mean \|φ_ref - φ\| \d\.\d\d°, \|φ\* - φ\| \d\.\d\d°", lines[0]
-    )
+    distances = r"as read mean \|φ_ref - φ\| \d\.\d\d°, \|φ\* - φ\| \d\.\d\d°; "
+    drift = r"\|φ_ref - φ\| without the sensor's drift about (\d\.\d\d)°"
+    estimate = re.fullmatch(f"repetition  1: {distances}{drift}", lines[0])[1]
     assert lines[1].startswith("repetition  2: ")
     written = ["learning.txt", "learned.csv", "learning.html"]
     assert lines[2].startswith("reference   mean distance: measured ")
-    assert lines[3].startswith("errors      mean |φ* - φ| ")
-    assert lines[4] == f"written     {', '.join(str(folder / name) for name in written)}"
+    assert lines[3].startswith(f"estimated   without the sensor's drift, about: {estimate}°, ")
+    assert lines[4].startswith("errors      mean |φ* - φ| ")
+    assert lines[5] == f"written     {', '.join(str(folder / name) for name in written)}"
     made = {path.name for path in folder.iterdir()}
     assert made == {*written, "repetition_1.csv", "repetition_2.csv"}
     report = (folder / "learning.html").read_text(encoding="utf-8")

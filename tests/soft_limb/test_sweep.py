@@ -44,6 +44,9 @@ def test_a_row_agrees_with_plan_and_replay(sweep, tmp_path, capsys):
     assert sweep(*vary) == 1  # which does not replace the table
     assert sweep(*vary, "--vary", "segments.0.stiffness=0.2", "--force") == 1
     assert "--vary has a field twice" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        sweep("--seeds", "3-1", "--force")
+    assert "'3-1' is no range of seeds; its end is below 3" in capsys.readouterr().err
     LimbParameters(board=EmulatedLimb(7)).save("calibrated.yaml")
     assert sweep("-l", "calibrated.yaml", "--seeds", "3", "--force") == 1
     assert "on the emulated limb 7, which the sweep drives" in capsys.readouterr().err

@@ -13,7 +13,8 @@ from limb_systems import HystereticLaw, Limb, LimbModel, LimbParameters, Segment
 from limb_systems.simulation import PERIOD
 from planners import plan, references
 from walking import GaitFeedback, HeatFeedback, Robot, RobotParameters, plan_gait, walk
-from walking.strides import fit_strides, warp_pattern, with_warp_and_friction
+from walking.gait_check import warp_pattern, with_warp_and_friction
+from walking.strides import fit_strides
 
 from .conftest import with_quick_wires
 

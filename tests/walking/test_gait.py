@@ -12,6 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
 from limb_systems import CoupledLaw, LimbModel, LimbParameters, SegmentParameters, simulate
+from limb_systems.limb_parameters import CalibrationRecord
 from planners.transcription.solving import PlanningError
 from walking import Gait, GaitVariation, Robot, RobotLimb, RobotParameters, add_robot, plan_gait
 from walking.course import check_course
@@ -295,12 +296,17 @@ def test_error_gives_the_reason_for_a_missing_gait():
     together = RobotParameters()
     for limb in together.limbs:
         limb.position = [0.0, 0.0, 0.0]
-    for robot, margin, words in (
-        (together, 0.0, "all feet are within 0.0 mm of each other"),
-        (RobotParameters(), 74.0, "74 °C below T_max are too cold"),
+    narrow = RobotParameters.in_space(4)
+    for limb in narrow.limbs:
+        limb.position = [0.5 * limb.position[0], 0.4 * limb.position[1], limb.position[2]]
+        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    for robot, schedule, margin, words in (
+        (together, "fs ss sf ss", 0.0, "all feet are within 0.0 mm of each other"),
+        (RobotParameters(), "fs ss sf ss", 74.0, "74 °C below T_max are too cold"),
+        (narrow, "dsss sdss ssds sssd", 5.0, "the feet stand too close together, for a robot"),
     ):
-        schedule = parse_schedule("fs ss sf ss", 2)
-        program = partial(GaitProgram, robot, schedule, [2] * 4, temperature_margin=margin)
+        phases = parse_schedule(schedule, len(robot.limbs))
+        program = partial(GaitProgram, robot, phases, [2] * 4, temperature_margin=margin)
         assert words in _infeasibility_reason(program)
 
 

@@ -26,10 +26,11 @@ from walking import (
     plan_gait,
 )
 from walking.gait import STRIDE_TOLERANCE_IN_SPACE, rotate_to_heading
-from walking.gait_check import simulate_gait
+from walking.gait_check import simulate_gait, variations
 from walking.gait_planning import _solve_with_gradual_turns
 from walking.gait_program import MIN_STANCE_STIFFNESS, GaitProgram
-from walking.gait_set import load_gaits, save_gaits
+from walking.gait_request import GaitRequest
+from walking.gait_set import SPOT_TURNS, load_gaits, plan_spot_turn, save_gaits
 from walking.robot import set_positions
 from walking.schedules import candidate_schedules, format_schedule, parse_schedule
 from walking.walk_trajectory import walk
@@ -266,6 +267,20 @@ def test_a_robot_walks_to_a_place_with_contact(gaits, tmp_path, capsys):
     assert np.hypot(*(recording.body_pose[:2, -1] - [0.02, 0.0])) < 0.015
     assert recording.interrupted == ""
     assert picture.stat().st_size > 10_000
+
+
+def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
+    """By the gait of `plan_gaits`; with less friction to spare, such robots fell."""
+    robot = RobotParameters.in_space(4)
+    request = GaitRequest(check=False, explain=False, intervals=12, temperature_margin=5.0)
+    gait = plan_spot_turn(robot, 1.0, request)
+    assert gait.turn == pytest.approx(SPOT_TURNS[0])
+    warped = [robot for change, robot in variations(robot) if "warped" in change]
+    assert len(warped) == 2
+    for other in warped:
+        simulated = simulate_gait(gait, "", other, 2)
+        assert simulated.fall == ""
+        assert simulated.strides[-1] >= 0.75
 
 
 def test_gait_feedback_is_refused_in_space(gaits):

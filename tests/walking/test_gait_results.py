@@ -75,7 +75,7 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     page = (folder / "gait.html").read_text(encoding="utf-8")
     verdict = re.search(r'class="verdict">(.*?)</p>', page)[1]
     assert "30.0 mm in 3.0 s, 10.00 mm/s" in verdict
-    assert "99.0% to 100.2% of the planned one" in verdict
+    assert "strides, from the second on, are 100.0% to 100.2% of the planned one" in verdict
     row = page.partition("friction x 0.7</td>")[2][:300]
     assert re.search(r"50\.0.*90<.*its body is on the ground", row)
     replay = html.unescape(re.search(r'<iframe [^>]*srcdoc="([^"]*)"', page)[1])

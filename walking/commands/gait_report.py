@@ -35,14 +35,16 @@ def gait_verdict(gait: Gait) -> str:
         return f"{text} Not to be used: {failure}"
     simulation = gait.check.simulation
     spread = gait.check.spread
-    shares = simulation.strides
+    num_cycles = len(simulation.strides)
+    from_second = ", from the second on," * (num_cycles > 1)
+    shares = simulation.settled_strides
     text += (
-        f" Checked: simulated with contact over {len(shares)} cycle{'s' * (len(shares) > 1)}, "
-        f"{cycle_noun} are "
+        f" Checked: simulated with contact over {num_cycles} cycle{'s' * (num_cycles > 1)}, "
+        f"{cycle_noun}{from_second} are "
         f"{min(shares):.1%} to {max(shares):.1%} of the planned one"
     )
-    if simulation.aside:
-        text += f", and the robot goes or turns aside by at most {max(simulation.aside):.1%} of it"
+    if asides := simulation.settled_aside:
+        text += f", and the robot goes or turns aside by at most {max(asides):.1%} of it"
     text += "."
     if fallen := sum(bool(variation.fall) for variation in spread):
         text += (

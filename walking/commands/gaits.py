@@ -40,7 +40,12 @@ from walking.gait import Gait
 from walking.gait_check import find_fall, simulate_gait
 from walking.gait_feedback import MIN_PACE, GaitFeedback
 from walking.gait_planning import plan_gait
-from walking.gait_program import STEADINESS, STEADINESS_CALIBRATED, STICKING_SHARE
+from walking.gait_program import (
+    STEADINESS,
+    STEADINESS_CALIBRATED,
+    STICKING_SHARE,
+    STICKING_SHARE_CALIBRATED,
+)
 from walking.gait_request import GaitRequest
 from walking.gait_set import AHEAD, TURNING_GAITS, gait_files, load_gaits, plan_gaits, save_gaits
 from walking.heat_feedback import HeatFeedback
@@ -489,10 +494,11 @@ MARGIN = Option(
 STICKING = Option(
     "--sticking",
     type=float,
-    default=STICKING_SHARE,
     metavar="SHARE",
-    help="share of the friction that feet that stick may use: more is faster, but the "
-    "robot stands still if friction differs from foot to foot (default %(default)g)",
+    help="share of the friction that feet that stick may use: more is faster, but the robot "
+    "stands still if friction or load differs from foot to foot (default "
+    f"{STICKING_SHARE:g}, or {STICKING_SHARE_CALIBRATED:g} if all limbs are calibrated, four or "
+    "more in space)",
 )
 
 COMMANDS = {
