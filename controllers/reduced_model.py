@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from limb_systems import LimbModel, LimbParameters
+from limb_systems.law_functions import check_affine
 from limb_systems.simulation import PERIOD
 from limb_systems.smooth_function import SmoothFunction
 from limb_systems.statics import mean_bend_by_temperature
@@ -34,10 +35,14 @@ class ReducedModel:
     Args:
         parameters: the limb or its description.
         period: h of the steps, s.
+
+    Raises:
+        LimbError: if the rates of a wire's law are not affine in the duty.
     """
 
     def __init__(self, parameters: LimbParameters | LimbModel, period: float = PERIOD):
         self.limb = model = LimbModel.of(parameters)
+        check_affine(model.parameters)
         self.period = period
         layout = model.layout
         self.statics = model.mean_angle_statics if layout.is_planar else model.statics

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.limb_parameters import LimbParameters
 from limb_systems.smooth_function import SmoothFunction, build_once, check_smooth
 from limb_systems.wire_laws.wire_law import WireLaw, runge_kutta
 
@@ -73,14 +74,20 @@ class NumericFunction:
         return np.stack([self._of_point(point) for point in points.T], axis=-1)
 
 
-def check_affine(law: WireLaw) -> None:
-    """Raise LimbError unless the rates of a law at half duty are midway between off and on."""
+def check_affine(limb: LimbParameters) -> None:
+    """Raise LimbError unless rates of all wires at half duty are midway between off and on."""
+    for wire in limb.wires:
+        _check_affine(wire.law)
+
+
+def _check_affine(law: WireLaw) -> None:
     states = np.array(law.warm_states(60.0, 20.0), float)
     off, half, on = (np.array(law.rates(states, duty, 20.0)) for duty in np.array([0.0, 0.5, 1.0]))
     if not np.allclose(half, (off + on) / 2, rtol=1e-6):
         raise LimbError(
-            f"The rates of {type(law).__name__} are not affine in the duty. State them in a duty "
-            "to which the heat is proportional, as in PWM, and convert it where your board sets it."
+            f"The rates of {type(law).__name__} are not affine in the duty, as recording and "
+            "feedback take them to be. State them in a duty to which the heat is proportional, as in "
+            "PWM, and convert it where your board sets it."
         )
 
 

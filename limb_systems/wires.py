@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.law_functions import check_affine, check_symbols
+from limb_systems.law_functions import check_symbols
 from limb_systems.limb_mechanics import LimbMechanics
 from limb_systems.limb_parameters import LimbParameters
 from limb_systems.rubber import REST_SCALE, NonlinearRubber
@@ -112,7 +112,6 @@ class Wires:
         check_smooth(self.symbolic_force)
         for law in laws:
             check_symbols(law)
-            check_affine(law)
         self.heat = SmoothFunction(heat_rates, ca.vertcat(x, V, D))
         self.force = SmoothFunction(force, ca.vertcat(x, q))
         self._rates = SmoothFunction(rates, ca.vertcat(x, D))
@@ -199,7 +198,10 @@ class Wires:
         }
 
     def holding_duty(self, states: np.ndarray) -> np.ndarray:
-        """Return D (W,) under which wires of the states (N,) stay at their temperatures."""
+        """Return D (W,) under which wires of the states (N,) stay at their temperatures.
+
+        Where rates are not affine in the duty, it is near it.
+        """
         W = self.num_wires
         rates_off = self.rates(states, np.zeros(W))[:W]
         rates_on = self.rates(states, np.ones(W))[:W]

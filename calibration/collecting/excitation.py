@@ -232,8 +232,7 @@ class LimitedDuty(_DutyByReadings):
         Raises:
             LimbError: if the rates of a wire's law are not affine in the duty.
         """
-        for wire in parameters.wires:
-            check_affine(wire.law)
+        check_affine(parameters)
         self._law, rooms, _ = stack_limbs(draw_limbs(parameters, NUM_LIMBS))
         self._rooms = rooms[:, np.newaxis, np.newaxis]
         self._highest = parameters.temperature_limits.maximum

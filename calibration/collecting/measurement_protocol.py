@@ -47,6 +47,7 @@ from hardware import LimbTwin, SerialLimb
 from hardware.live_feed import LiveView
 from limb_systems import HystereticLaw, LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
+from limb_systems.law_functions import check_affine
 from limb_systems.progress import Progress, TimeLeft, progress_prefix
 from limb_systems.simulation import PERIOD
 
@@ -175,8 +176,10 @@ def planned_recordings(
     The options are as in `ProtocolOptions`.
 
     Raises:
-        LimbError: if there is no such protocol for the limb.
+        LimbError: if there is no such protocol for the limb, or the rates of a wire's law are not
+            affine in the duty.
     """
+    check_affine(limb)
     planar = only_segment(limb).axes == 1
     if protocol not in PROTOCOLS:
         raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")

@@ -31,8 +31,10 @@ from calibration import (
     load_recordings,
 )
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, held_levels, mountings
+from calibration.collecting.measurement_protocol import planned_recordings
 from calibration.prediction.heated_run import HeatedRun
 from calibration.recordings.repair import select_samples
+from controllers.reduced_model import ReducedModel
 from hardware import LimbTwin
 from limb_systems import (
     CalibrationRecord,
@@ -608,6 +610,8 @@ def test_a_law_that_is_not_affine_in_the_duty_is_refused():
     limb = LimbParameters()
     limb.wires[1].law = RootLaw()
     limited = functools.partial(LimitedDuty, duty=PiecewisePolynomial([[0.1], [0.1]]))
-    for make in (Limb, limited):
+    Limb(limb)  # which is simulated as it is
+    collected = functools.partial(planned_recordings, emulated=True)
+    for make in (collected, limited, ReducedModel):
         with pytest.raises(LimbError, match="rates of RootLaw are not affine in the duty"):
             make(limb)
