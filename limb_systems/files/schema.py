@@ -83,7 +83,7 @@ class Strict:
     """A dataclass that refuses an attribute for which it has no field or property."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        names = _field_names(type(self))
+        names = _field_names(type(self))  # type: ignore[arg-type]
         if name not in names and not isinstance(getattr(type(self), name, None), property):
             raise SchemaError(
                 f"{type(self).__name__} has no field {name!r}{did_you_mean(name, names)}; it has "
