@@ -3,7 +3,7 @@
 import contextlib
 import copy
 import dataclasses
-import logging
+import logging.handlers
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -355,27 +355,22 @@ def _refuse_replaced_inertia() -> Iterator[None]:
 
     It does so where moments break the triangle inequality, with only a message in its log.
     """
-    warned = []
-
-    def keep_warning(record: logging.LogRecord) -> bool:
-        place, warning, reason = record.getMessage().partition(" warning: While parsing inertia")
-        if warning:
-            warned.append((place, reason))
-        return True  # it is logged as well
-
-    # Look at what Drake logs while models are loaded.
+    # Keep what Drake logs of inertia while models are loaded.
     log = logging.getLogger("drake")
-    log.addFilter(keep_warning)
+    keeper = logging.handlers.BufferingHandler(capacity=10_000)
+    keeper.addFilter(lambda record: "While parsing inertia" in record.getMessage())
+    log.addHandler(keeper)
     try:
         yield
     finally:
-        log.removeFilter(keep_warning)
-    # Refuse the first body whose moments would be replaced.
-    if warned:
-        place, reason = warned[0]
-        moments = reason.partition("principal moments of inertia:")[2].split("do not")[0]
-        raise StationError(
-            f"{place} the moments of inertia {', '.join(moments.split())} kg·m² fit no body, and "
-            "Drake would replace them by a ball of water's; give moments of which none is larger "
-            "than the other two together."
-        )
+        log.removeHandler(keeper)
+    # Find a message about a body's moments of inertia.
+    for record in keeper.buffer:
+        place, warning, reason = record.getMessage().partition(" warning: While parsing inertia")
+        if warning:
+            moments = reason.partition("principal moments of inertia:")[2].split("do not")[0]
+            raise StationError(
+                f"{place} the moments of inertia {', '.join(moments.split())} kg·m² fit no "
+                "body, and Drake would replace them by a ball of water's; give moments of which "
+                "none is larger than the other two together."
+            )

@@ -86,8 +86,8 @@ def _check_affine(law: WireLaw) -> None:
     if not np.allclose(half, (off + on) / 2, rtol=1e-6):
         raise LimbError(
             f"The rates of {type(law).__name__} are not affine in the duty, as recording and "
-            "feedback take them to be. State them in a duty to which the heat is proportional, as in "
-            "PWM, and convert it where your board sets it."
+            "feedback take them to be. State them in a duty to which the heat is proportional, as "
+            "in PWM, and convert it where your board sets it."
         )
 
 

@@ -12,6 +12,7 @@ from controllers.estimator import StateEstimate
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.drake_python import weak_method
 from limb_systems.files.schema import short_repr
+from limb_systems.kinematics import wrap_angle
 from limb_systems.simulation import PERIOD
 from walking.gait import Gait, GaitCheck, body_travel, rotate_to_heading
 from walking.gait_check import FALL_TILT
@@ -198,7 +199,7 @@ class Wayfinder(HeatFeedback):
         """
         x, y, heading = self._goals[int(goal)]
         distance = np.hypot(x - pose[0], y - pose[1])
-        turn = np.abs(_wrap_angle(heading - pose[2]))  # NaN if any heading will do
+        turn = np.abs(wrap_angle(heading - pose[2]))  # NaN if any heading will do
         return (distance <= slack * PLACE_TOLERANCE) & ~(turn > slack * HEADING_TOLERANCE)
 
     def _time_to_go(
@@ -220,7 +221,7 @@ class Wayfinder(HeatFeedback):
             angle: np.ndarray, tolerance: np.ndarray | float, rate: float
         ) -> np.ndarray:
             """Return the time to turn by an angle with a rate of one sign, s."""
-            angle = _wrap_angle(angle)
+            angle = wrap_angle(angle)
             remaining = np.maximum(0.0, np.abs(angle) - tolerance) * np.sign(angle)
             return np.sign(rate) * remaining % (2 * np.pi) / abs(rate)
 
@@ -314,8 +315,3 @@ def join_gaits(gaits: Sequence[Gait]) -> tuple[Trajectory, np.ndarray, np.ndarra
     signals: dict[str, Any] = {name: np.hstack(values) for name, values in parts.items()}
     signals["time"] = PERIOD * np.arange(signals["duty"].shape[1])
     return dataclasses.replace(cycles, **signals), begins, lasts
-
-
-def _wrap_angle(angle: np.ndarray) -> np.ndarray:
-    """Return angles within half a turn of zero, rad."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi

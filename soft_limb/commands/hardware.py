@@ -229,9 +229,8 @@ def _board_check(options: argparse.Namespace) -> int:
     with SerialPort(options.port) as cable:
         host = board_check.Host(cable, parameters)
         board_check.check_board(host, add_result)
-    counts = dict.fromkeys(words, 0)
-    for check in checks:
-        counts[check["outcome"]] += 1
+    outcomes = [check["outcome"] for check in checks]
+    counts = {outcome: outcomes.count(outcome) for outcome in words}
     if options.json:
         values = {outcome.replace(" ", "_"): count for outcome, count in counts.items()}
         print_summary(options, Summary.of({}, {**values, "checks": checks}))
@@ -350,9 +349,13 @@ def _learn(options: argparse.Namespace) -> int:
     def print_repetition(number: int, repetition: Repetition) -> None:
         if options.json:
             return
-        distance, error = np.rad2deg([repetition.reference_distance, repetition.mean_error])
+        means = (
+            repetition.reference_distance,
+            repetition.mean_error,
+            repetition.estimated_distance,
+        )
+        distance, error, estimate = np.rad2deg(means)
         parts = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
-        estimate = np.rad2deg(repetition.estimated_distance)
         parts.append(f"|φ_ref - φ| without the sensor's drift about {estimate:.2f}°")
         parts += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)

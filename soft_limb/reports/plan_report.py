@@ -110,17 +110,17 @@ def write_learning_report(
         state: file of the learner.
     """
     # List the errors of all repetitions.
-    distances = []
-    errors = []
+    distances = [repetition.reference_distance for repetition in learner.repetitions]
+    errors = [repetition.mean_error for repetition in learner.repetitions]
     rows = []
     for number, repetition in enumerate(learner.repetitions, 1):
-        distances.append(repetition.reference_distance)
-        errors.append(repetition.mean_error)
-        distance = f"{np.rad2deg(repetition.reference_distance):.2f}"
-        estimate = f"{np.rad2deg(repetition.estimated_distance):.2f}"
-        error = f"{np.rad2deg(repetition.mean_error):.2f}"
+        means = (
+            repetition.reference_distance,
+            repetition.estimated_distance,
+            repetition.mean_error,
+        )
         remark = "; ".join(filter(None, [repetition.interrupted, repetition.remark]))
-        rows.append([str(number), distance, estimate, error, remark])
+        rows.append([str(number), *(f"{np.rad2deg(mean):.2f}" for mean in means), remark])
     # Draw them, and the first and the last recording.
     numbers = sorted(recordings)
     first = Recording.load(recordings[numbers[0]])

@@ -69,32 +69,26 @@ def _degrees(distance: float | None) -> float | None:
 
 def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     """Return each repetition's distance from reference and plan; see `plan_summary`."""
-    # List the numbers of each repetition, and put them into words.
+    # List the numbers of each repetition.
     values = []
-    distances_deg = []
-    estimates_deg = []
-    errors_deg = []
-    num_undone = 0
     for repetition in learner.repetitions:
-        distance_deg = float(np.rad2deg(repetition.reference_distance))
-        estimate_deg = float(np.rad2deg(repetition.estimated_distance))
-        error_deg = float(np.rad2deg(repetition.mean_error))
         values.append(
             {
-                "reference_distance_deg": distance_deg,
-                "estimated_distance_deg": estimate_deg,
-                "mean_deg": error_deg,
+                "reference_distance_deg": float(np.rad2deg(repetition.reference_distance)),
+                "estimated_distance_deg": float(np.rad2deg(repetition.estimated_distance)),
+                "mean_deg": float(np.rad2deg(repetition.mean_error)),
                 "interrupted": repetition.interrupted,
                 "remark": repetition.remark,
             }
         )
-        distances_deg.append(f"{distance_deg:.2f}°")
-        estimates_deg.append(f"{estimate_deg:.2f}°")
-        errors_deg.append(f"{error_deg:.2f}°")
-        num_undone += repetition.failed
-    estimates = f"without the sensor's drift, about: {', '.join(estimates_deg)}"
-    text = f"mean |φ* - φ| {', '.join(errors_deg)}" if values else "none"
-    if num_undone:
+
+    def listed(name: str) -> str:
+        return ", ".join(f"{value[name]:.2f}°" for value in values)
+
+    # Put them into words.
+    estimates = f"without the sensor's drift, about: {listed('estimated_distance_deg')}"
+    text = f"mean |φ* - φ| {listed('mean_deg')}" if values else "none"
+    if num_undone := sum(repetition.failed for repetition in learner.repetitions):
         text += f"; undone: {num_undone}"
     # Compare with the best plan.
     from planners import nearest_bend_angle  # takes long to import
@@ -103,7 +97,7 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
-            *_distance_entries(", ".join(distances_deg), distances),
+            *_distance_entries(listed("reference_distance_deg"), distances),
             Entry("repetitions", values, sentence=None),
             Entry("estimated", sentence=estimates if values else None),
             Entry("errors", sentence=text),

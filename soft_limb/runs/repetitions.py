@@ -67,7 +67,13 @@ def repeat(
         else:
             limb = limb_of_repetition()
             if live:
-                live.say(f"Repetition {number} of {repetitions}{_earlier_distances(learner)}")
+                sentence = f"Repetition {number} of {repetitions}"
+                if distances := [each.reference_distance for each in learner.repetitions]:
+                    listed = ", ".join(
+                        f"{np.rad2deg(each):.2f}°" for each in distances[-MAX_LISTED:]
+                    )
+                    sentence += f"; mean distance from the reference before: {listed}"
+                live.say(sentence)
             before = unfinished_files(path)
             try:
                 recording = record_replay(
@@ -87,15 +93,6 @@ def repeat(
         # Raise the robot's failure, which has been learned from.
         if failure:
             raise failure
-
-
-def _earlier_distances(learner: Learner) -> str:
-    """Return the end of a sentence with the distances of the last repetitions, if there are any."""
-    earlier = learner.repetitions[-MAX_LISTED:]
-    if not earlier:
-        return ""
-    distances = [f"{np.rad2deg(each.reference_distance):.2f}°" for each in earlier]
-    return f"; mean distance from the reference before: {', '.join(distances)}"
 
 
 def recording_path(folder: Path, number: int) -> Path:
