@@ -95,10 +95,14 @@ class LimbModel:
             name: name of the part.
             build: function that builds it.
         """
-        # The calibration's record changes no equation; laws of a lab's own may have equal texts.
+        return build_once((name, *self._key), build)
+
+    @functools.cached_property
+    def _key(self) -> tuple:
+        """The same for equal limbs: the calibration's record changes no equation."""
         plain = dataclasses.replace(self.parameters, calibration=None)
-        laws = [type(wire.law) for wire in plain.wires]
-        return build_once((name, repr(plain), *laws), build)
+        laws = [type(wire.law) for wire in plain.wires]  # a lab's own may have equal texts
+        return repr(plain), *laws
 
 
 def split_state(

@@ -14,6 +14,7 @@ from limb_systems.smooth_function import SmoothFunction, check_smooth
 from limb_systems.wire_laws.wire_law import TEMPERATURE_SCALE, duty_for_rate, runge_kutta
 
 MAX_SETTLING_STEPS = 20  # of Newton's method
+SETTLING_TOLERANCE = 1e-10  # of a state, in its unit
 LONGEST_STEP = 0.1  # s, of the integration of cold wires
 
 
@@ -294,7 +295,10 @@ class Wires:
             settles = self.settles[W:wires_end]
             residual = rates[W:wires_end][settles]
             jacobian = by_others[np.ix_(settles, settles)]
-            states[W:wires_end][settles] -= np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
+            step = np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
+            states[W:wires_end][settles] -= step
+            if np.abs(step).max(initial=0.0) < SETTLING_TOLERANCE:
+                break
         return self._with_settled_rubber(states)
 
     def rested_states(self, temperature: np.ndarray) -> np.ndarray:

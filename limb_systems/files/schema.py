@@ -73,11 +73,17 @@ def word(default: Any, words: collections.abc.Iterable, *, rare: bool = False) -
     return dataclasses.field(default=default, metadata={"words": list(words), "rare": rare})
 
 
+@functools.cache
+def _field_names(schema: type) -> list[str]:
+    """Return the names of the fields of a dataclass."""
+    return [field.name for field in dataclasses.fields(schema)]
+
+
 class Strict:
     """A dataclass that refuses an attribute for which it has no field or property."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        names = _field_names(type(self))  # type: ignore[arg-type]
         if name not in names and not isinstance(getattr(type(self), name, None), property):
             raise SchemaError(
                 f"{type(self).__name__} has no field {name!r}{did_you_mean(name, names)}; it has "

@@ -86,7 +86,7 @@ class MotionDefects:
         functions = model.once(name, lambda: self._symbolic_interval(model.wires))
         self._x_middle, self._middle_force, self._all_forces, self._equations = functions
         self._set_jacobian_pattern()
-        self._set_hessian_pattern(is_whole=True)
+        self._is_whole = True
 
     def _symbolic_interval(self, wires: Wires) -> list[SmoothFunction]:
         """Return functions of an interval for the middle and for curvatures.
@@ -176,22 +176,25 @@ class MotionDefects:
         self.rows = (rows[:, None] * num_intervals + np.arange(num_intervals)).ravel()
         self.columns = self._variables[columns].ravel()
 
-    def _set_hessian_pattern(self, is_whole: bool) -> None:
-        """Set the places of the nonzeros of `hessian`, which may be by the heat alone."""
-        self._is_whole = is_whole
-        if is_whole:
-            size = 2 * self._points.shape[1] + self._is_free
-            self._curved_pairs = np.array(np.tril_indices(size))
-        else:
-            self._curved_pairs = self._heat[self._all_forces.curvature_places]
-        self.hessian_rows, self.hessian_columns = (
-            self._variables[places].ravel() for places in self._curved_pairs
-        )
+    @property
+    def _curved_pairs(self) -> np.ndarray:
+        """The places in z of the nonzeros of `hessian` (2, Z)."""
+        if self._is_whole:
+            return np.array(np.tril_indices(2 * self._points.shape[1] + self._is_free))
+        return self._heat[self._all_forces.curvature_places]
+
+    @property
+    def hessian_rows(self) -> np.ndarray:
+        return self._variables[self._curved_pairs[0]].ravel()
+
+    @property
+    def hessian_columns(self) -> np.ndarray:
+        return self._variables[self._curved_pairs[1]].ravel()
 
     def with_curvature_of_heat(self) -> "MotionDefects":
         """Return a copy whose ``hessian`` has the second derivatives by heat and duty alone."""
         block = copy.copy(self)
-        block._set_hessian_pattern(is_whole=False)
+        block._is_whole = False
         return block
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:

@@ -30,9 +30,19 @@ NEAR_OPTIONS = {
 # Hysteresis and references far out of reach may need hundreds of cheap iterations. This small first
 # barrier halves their number in comparison with IPOPT's own, 0.1.
 PATIENT_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
-# The start of another program need not be accurate, least of all at a few of the knots.
-START_OPTIONS = {"tol": 1e-3, "constr_viol_tol": 1e-6, "compl_inf_tol": 3e-6}
-COARSE_START_OPTIONS = {"tol": 1e-2, "constr_viol_tol": 1e-4, "compl_inf_tol": 1e-2}
+# The start of another program need not be accurate, least of all at a few of the knots. Far from a
+# solution, IPOPT's estimate of multipliers makes the Hessian indefinite, so they begin at zero.
+START_OPTIONS = {
+    "tol": 1e-3,
+    "constr_viol_tol": 1e-6,
+    "compl_inf_tol": 3e-6,
+    "constr_mult_init_max": 0.0,
+}
+COARSE_START_OPTIONS = START_OPTIONS | {
+    "tol": 1e-2,
+    "constr_viol_tol": 1e-4,
+    "compl_inf_tol": 1e-2,
+}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
 
@@ -87,7 +97,7 @@ def solve_program(
         multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
         starts_near: whether the guess is near the solution.
-        accuracy: IPOPT's tolerances, in place of those of the attempts.
+        accuracy: IPOPT's options, in place of those of the attempts.
 
     Raises:
         InfeasibleError: if a quasi-static program has no solution.

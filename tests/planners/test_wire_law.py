@@ -45,6 +45,21 @@ def derivatives_of(system, state, duty):
     return system.EvalTimeDerivatives(context).CopyToVector()
 
 
+class RadiatingSilicone(SiliconeLaw):
+    """Silicone whose heat is lost by the square of its temperature over the room."""
+
+    def rates(self, x, D, T0):
+        T_rate, _ = SiliconeLaw.rates(self, x, D, T0)
+        return [T_rate, 0.06 * (x[0] - x[1]) - 0.01 * (x[1] - T0) ** 2]
+
+
+def test_states_settle_where_their_rates_vanish_also_far_from_linear():
+    wires = LimbModel.of(limb_with(RadiatingSilicone(), RadiatingSilicone())).wires
+    states = wires.settled_states(np.array([60.0, 90.0]))
+    rise = np.sqrt(3.0**2 + 6.0 * np.array([35.0, 65.0])) - 3.0  # of 0.01 r² = 0.06 (T - T0 - r)
+    np.testing.assert_allclose(states, [60.0, 90.0, *(25.0 + rise)], rtol=1e-9)
+
+
 def test_blocks_have_the_rates_of_the_law_written_out_by_hand():
     limb = limb_with(SiliconeLaw(), QuadraticLaw())
     angles, T, S, V, D = np.full(5, 0.1), [60.0, 80.0], 50.0, [55.0, 70.0], [0.2, 0.4]
