@@ -104,7 +104,7 @@ def plan_gait(
     steadiness = default_steadiness(robot) if request.steadiness is None else request.steadiness
     sticking_share = request.sticking_share
     if sticking_share is None:
-        sticking_share = default_sticking_share(robot)
+        sticking_share = default_sticking_share(robot, request.course)
     # Take the first schedule that gives a gait.
     for number, schedule in enumerate(schedules, 1):
         check_schedule(schedule, robot)

@@ -17,7 +17,6 @@ from limb_systems.progress import Progress
 from planners.transcription.solving import PlanningError
 from walking.gait import Gait
 from walking.gait_planning import plan_gait
-from walking.gait_program import STICKING_SHARE
 from walking.gait_request import GaitRequest
 from walking.robot_parameters import RobotParameters
 from walking.schedules import Schedule, candidate_schedules
@@ -29,10 +28,6 @@ ARC_TURN = 0.2  # rad, in a cycle
 # rad, in a cycle on the spot, the first with which the robot turns as planned; softer robots turn
 # by less, as legs that bend farther have more than one balance.
 SPOT_TURNS = 0.3, 0.2
-# Of μ, that feet that stick may use as a robot of four or more feet turns on the spot. With the
-# usual 0.8 a turn is a third faster, but feet warped by 0.5 mm share the load so that no foot
-# slides; with this, turns make more than three quarters on feet warped by 1 mm.
-SPOT_STICKING_SHARE = 0.5
 
 
 def plan_gaits(
@@ -88,16 +83,9 @@ def plan_gaits(
 def _plan_arc(
     robot: RobotParameters, sign: float, ahead: Gait, request: GaitRequest
 ) -> Gait | None:
-    """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own.
-
-    With the share of friction that calibrated robots use ahead, few have gaits along arcs.
-    """
+    """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own."""
     request = dataclasses.replace(
-        request,
-        turn=sign * ARC_TURN,
-        schedule=ahead.schedule,
-        near=ahead,
-        sticking_share=request.sticking_share or STICKING_SHARE,
+        request, turn=sign * ARC_TURN, schedule=ahead.schedule, near=ahead
     )
     for first in (ahead, None):
         with contextlib.suppress(PlanningError):
@@ -109,9 +97,6 @@ def _plan_arc(
 
 def plan_spot_turn(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
     """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
-    if len(robot.limbs) > 3:
-        sticking_share = min(request.sticking_share or 1.0, SPOT_STICKING_SHARE)
-        request = dataclasses.replace(request, sticking_share=sticking_share)
     for turn, schedule in itertools.product(SPOT_TURNS, schedules_on_the_spot(robot)):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)

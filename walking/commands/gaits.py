@@ -45,6 +45,7 @@ from walking.gait_program import (
     STEADINESS_CALIBRATED,
     STICKING_SHARE,
     STICKING_SHARE_CALIBRATED,
+    STICKING_SHARE_ON_THE_SPOT,
 )
 from walking.gait_request import GaitRequest
 from walking.gait_set import AHEAD, TURNING_GAITS, gait_files, load_gaits, plan_gaits, save_gaits
@@ -497,8 +498,8 @@ STICKING = Option(
     metavar="SHARE",
     help="share of the friction that feet that stick may use: more is faster, but the robot "
     "stands still if friction or load differs from foot to foot (default "
-    f"{STICKING_SHARE:g}, or {STICKING_SHARE_CALIBRATED:g} if all limbs are calibrated, four or "
-    "more in space)",
+    f"{STICKING_SHARE:g}; with four or more calibrated limbs in space "
+    f"{STICKING_SHARE_CALIBRATED:g} ahead, and {STICKING_SHARE_ON_THE_SPOT:g} on the spot)",
 )
 
 COMMANDS = {
