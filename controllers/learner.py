@@ -160,8 +160,8 @@ class Repetition:
 
     - ``reference_distance``, ``mean_error``: means of |φ_ref - φ| and of |φ* - φ| as it was
       read, rad; until it ended.
-    - ``estimated_distance``: the former without noise and drift of the sensor, as the model and all
-      repetitions until then explain them, rad.
+    - ``estimated_distance``: mean of |φ_ref - φ| without noise and drift of the sensor, which the
+      model and all repetitions until then tell, rad; until it ended.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: the consequence, if it was interrupted or undone; else empty.
     - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection` (M + 1, W).
