@@ -366,7 +366,10 @@ def _fit_mechanics(
     by_paper: bool,
     left_out: list[Remark],
 ) -> tuple[StiffnessFit | None, DampingFit | None]:
-    """Fit k in a plane by Sec. V-A and σ by Sec. V-B, if recordings tell them, and set them."""
+    """Fit k (Sec. V-A, in a plane only) and σ (Sec. V-B), and set in the limb what was fitted.
+
+    A fit is None if there are no recordings for it; ``left_out`` gets what does not suit.
+    """
     segment = only_segment(limb)
     stiffness = None
     if segment.axes == 1:
@@ -459,7 +462,11 @@ def _load_usable(
 
 
 def _check_suits_paper(heated: RecordingsByKind, described: LimbParameters) -> None:
-    """Raise CalibrationError without a plane, or a recording and a thermocouple of each wire."""
+    """Raise CalibrationError unless the paper's method suits limb and recordings.
+
+    The limb must bend in a plane. Each wire needs a recording in which it alone is heated, and a
+    thermocouple.
+    """
     if only_segment(described).axes > 1:
         raise CalibrationError(
             "The paper's method is one for limbs that bend in a plane; calibrate this one with "

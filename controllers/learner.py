@@ -25,7 +25,7 @@ from controllers.estimator import DRIFT_TIME
 from limb_systems import LimbError, LimbModel, Provenance, Recording, Trajectory
 from limb_systems.errors import reraise_as
 from limb_systems.files.csv_format import FileFormatError
-from limb_systems.files.input import LARGEST_TABLE, FirstLine, read_bytes
+from limb_systems.files.input import LARGEST_TABLE, FirstLine, first_line, read_bytes
 from limb_systems.files.output import write_atomically
 from limb_systems.plan_band import MEAN_TO_DEVIATION
 from limb_systems.tracking import reference_distances, tracking_errors
@@ -58,7 +58,8 @@ MIN_CHANGE_SHARE = 0.05  # of the sensor's error; another repetition must change
 MAX_INTERRUPTED = 3  # in a row
 MAX_FAILURES = 5  # in a row, interrupted or not better
 MIN_STEP_SIZE = 0.25  # of a step, after repetitions that were not better
-_FIRST_LINE = f"{FirstLine('learning', 7)}, sha256 "
+FORMAT_VERSION = 7  # of files of learners
+_FIRST_LINE = f"{FirstLine('learning', FORMAT_VERSION)}, sha256 "
 
 
 def ornstein_uhlenbeck(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
@@ -159,8 +160,8 @@ class Repetition:
 
     - ``reference_distance``, ``mean_error``: means of |φ_ref - φ| and of |φ* - φ| as it was
       read, rad; until it ended.
-    - ``estimated_distance``: the former without noise and drift of the sensor, as the model and all
-      repetitions until then explain them, rad.
+    - ``estimated_distance``: mean of |φ_ref - φ| without noise and drift of the sensor, which the
+      model and all repetitions until then tell, rad; until it ended.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: the consequence, if it was interrupted or undone; else empty.
     - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection` (M + 1, W).
@@ -544,6 +545,12 @@ class Learner:
         # Check the first line.
         data = read_bytes(path, "learning", LARGEST_TABLE, FileFormatError)
         first, _, body = data.decode("utf-8", errors="replace").partition("\n")
+        actual = first_line(first)
+        if actual and actual.kind == "learning" and actual.format != FORMAT_VERSION:
+            raise FileFormatError(
+                f"{path}: this file of a learner has format {actual.format}, but this program "
+                f"reads format {FORMAT_VERSION}; learn the plan again in another folder."
+            )
         if not first.startswith(_FIRST_LINE):
             raise FileFormatError(
                 f"{path}: this is no file of a learner: its first line is not '{_FIRST_LINE}...'."

@@ -317,6 +317,8 @@ def record_with_journal(
 ) -> Recording:
     """Record a limb as `limb_systems.simulation.record`, with a journal and on a page if given.
 
+    The caller closes a robot, see `closing`.
+
     Args:
         builder, limb, duty, duration, options: as for `record`.
         journal, live: as for `replay`.

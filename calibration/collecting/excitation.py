@@ -171,7 +171,7 @@ def _triangle(turns: np.ndarray) -> np.ndarray:
 
 
 def held_levels(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
-    """Return the levels of duty, each with its duration, one after the other."""
+    """Return duty (W) over time: one level (W,) after the other, each for its duration, s."""
     times = np.cumsum([0.0, *(duration for duration, _ in parts)])
     levels = np.array([level for _, level in parts] + [parts[-1][1]])
     return PiecewisePolynomial.ZeroOrderHold(times, levels.T)

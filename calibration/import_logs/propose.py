@@ -255,7 +255,9 @@ class Columns:
         A duty is inverted if it rests at its largest number, or if a wire cools with it.
         """
         duties = ColumnList(dict.fromkeys(self.duties))
-        for column in duties if duties.moving else ():
+        if not duties.moving:
+            return
+        for column in duties:
             rests_at_top = (column.present == column.present.max()).mean() > 0.05
             if (rests_at_top and column.present.min() > 0) or self._cools(column):
                 self.is_inverted = True

@@ -349,15 +349,12 @@ def _learn(options: argparse.Namespace) -> int:
     def print_repetition(number: int, repetition: Repetition) -> None:
         if options.json:
             return
-        means = (
-            repetition.reference_distance,
-            repetition.mean_error,
-            repetition.estimated_distance,
-        )
-        distance, error, estimate = np.rad2deg(means)
-        parts = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
-        parts.append(f"|φ_ref - φ| without the sensor's drift about {estimate:.2f}°")
-        parts += filter(None, [repetition.interrupted, repetition.remark])
+        distance = f"{np.rad2deg(repetition.reference_distance):.2f}° as read"
+        estimate = f"about {np.rad2deg(repetition.estimated_distance):.2f}°"
+        error = f"{np.rad2deg(repetition.mean_error):.2f}° as read"
+        parts = [f"mean |φ_ref - φ| {distance}, {estimate} without the sensor's drift"]
+        parts += [f"mean |φ* - φ| {error}", repetition.interrupted, repetition.remark]
+        parts = list(filter(None, parts))
         print(f"repetition  {number}: {'; '.join(parts)}", flush=True)
 
     # Say how long it takes.

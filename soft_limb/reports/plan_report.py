@@ -88,10 +88,13 @@ def write_rollout_report(
 def learning_verdict(learner: Learner) -> str:
     """Return the distances of the first and the last repetition, and why learning ended."""
     # Compare the first repetition with the last.
-    distances = np.rad2deg([repetition.reference_distance for repetition in learner.repetitions])
-    first = f"Mean distance from the reference: {distances[0]:.2f}° in the first repetition"
-    if len(distances) > 1:
-        first += f", {distances[-1]:.2f}° in the last of {len(distances)}"
+    texts = []
+    for repetition in learner.repetitions:
+        read, estimated = np.rad2deg([repetition.reference_distance, repetition.estimated_distance])
+        texts.append(f"{read:.2f}° as read, about {estimated:.2f}° without the sensor's drift")
+    first = f"Mean distance from the reference: in the first repetition {texts[0]}"
+    if len(texts) > 1:
+        first += f"; in the last of {len(texts)} {texts[-1]}"
     sentences = [f"{first}."]
     if warning := far_from_reference(learner.trajectory):
         sentences.append(warning)
@@ -137,7 +140,9 @@ def write_learning_report(
     data = {"state of learning": state}
     for number in numbers:
         data[f"repetition {number}"] = recordings[number]
-    header = ["repetition", "mean |φ_REF − φ|, °", "without drift, °", "mean |φ* − φ|, °", "remark"]
+    distance = "mean |φ_REF − φ|"
+    of_reference = [f"{distance} as read, °", f"{distance} without drift, °"]
+    header = ["repetition", *of_reference, "mean |φ* − φ| as read, °", "remark"]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),
         learned,

@@ -86,7 +86,7 @@ def repetitions_summary(learner: "Learner", *, quick: bool = False) -> Summary:
         return ", ".join(f"{value[name]:.2f}°" for value in values)
 
     # Put them into words.
-    estimates = f"without the sensor's drift, about: {listed('estimated_distance_deg')}"
+    estimates = f"mean |φ_ref - φ| without the sensor's drift: {listed('estimated_distance_deg')}"
     text = f"mean |φ* - φ| {listed('mean_deg')}" if values else "none"
     if num_undone := sum(repetition.failed for repetition in learner.repetitions):
         text += f"; undone: {num_undone}"

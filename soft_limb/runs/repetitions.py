@@ -72,7 +72,7 @@ def repeat(
                     listed = ", ".join(
                         f"{np.rad2deg(each):.2f}°" for each in distances[-MAX_LISTED:]
                     )
-                    sentence += f"; mean distance from the reference before: {listed}"
+                    sentence += f"; mean distances from the reference so far, as read: {listed}"
                 live.say(sentence)
             before = unfinished_files(path)
             try:

@@ -22,6 +22,7 @@ from calibration import (
     collect_first_contact,
     collect_from_robot,
     collect_from_twin,
+    collect_ring_down,
     collect_sag,
     collect_warm_up,
     excitations,
@@ -178,6 +179,7 @@ def test_a_wire_without_a_reading_gets_no_duty():
     ("collect", "message"),
     [
         (collect_sag, "the board is silent"),
+        (collect_ring_down, "the board is silent"),
         (lambda limb: collect_equilibria(limb, "middle"), "middle"),
         (lambda limb: collect_equilibria(limb, "left", num_angles=0), "num_angles is 0"),
         (lambda limb: collect_excitation(limb, excitations(2)[0], limb.parameters), "calibrated"),

@@ -321,6 +321,7 @@ def test_files_that_are_damaged_are_refused_in_a_sentence(tmp_path):
     saved = path.read_text()
     for text, sentence in (
         ("", "its first line is not"),
+        (saved.replace("format 7", "format 6", 1), "has format 6, but .* reads format 7; learn"),
         (saved[:-100], "truncated or was changed"),
         (saved.replace("0.3", "0.4", 1), "truncated or was changed"),
     ):

@@ -105,6 +105,15 @@ def test_a_run_that_does_not_start_leaves_all_as_it_was(plan_of_3_s, path, end_a
     assert sorted(p.name for p in path.parent.iterdir()) == ["plan.csv", "recording.csv"]
 
 
+@pytest.mark.parametrize("drive", [replay, lambda plan, robot: watch(robot, plan.duration)])
+def test_a_robot_that_fails_without_a_journal_is_closed(drive, plan_of_3_s, end_at):
+    robot = Robot(plan_of_3_s.parameters)
+    end_at(None, HardwareError("The board is silent."))
+    with pytest.raises(HardwareError, match="silent"):
+        drive(plan_of_3_s, robot)
+    assert robot.closed
+
+
 def test_ctrl_c_ends_what_is_taught_and_the_file_says_so(path, end_at):
     end_at(2.0, KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):

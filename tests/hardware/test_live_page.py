@@ -220,7 +220,8 @@ def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch,
     assert first == "Repetition 1 of 2"
     earlier = Learner.load(tmp_path / "l" / "learning.txt").repetitions[0]
     distance = f"{np.rad2deg(earlier.reference_distance):.2f}°"
-    assert second == f"Repetition 2 of 2; mean distance from the reference before: {distance}"
+    so_far = "mean distances from the reference so far, as read"
+    assert second == f"Repetition 2 of 2; {so_far}: {distance}"
     assert (len(replayed.phases), len(learned.phases), learned.rested) == (1, 2, 2)
     assert main(["replay", path, "-o", str(tmp_path / "unseen.csv")]) == 0
     assert len(pages) == 2

@@ -30,13 +30,14 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch):
     said = capsys.readouterr()
     assert re.match(r"takes about \d+ s for 2 repetitions of ", said.err)
     lines = said.out.splitlines()
-    distances = r"as read mean \|φ_ref - φ\| \d\.\d\d°, \|φ\* - φ\| \d\.\d\d°; "
-    drift = r"\|φ_ref - φ\| without the sensor's drift about (\d\.\d\d)°"
-    estimate = re.fullmatch(f"repetition  1: {distances}{drift}", lines[0])[1]
+    distance = r"mean \|φ_ref - φ\| \d\.\d\d° as read, about (\d\.\d\d)° without the sensor's drift"
+    error = r"mean \|φ\* - φ\| \d\.\d\d° as read"
+    estimate = re.fullmatch(f"repetition  1: {distance}; {error}", lines[0])[1]
     assert lines[1].startswith("repetition  2: ")
     written = ["learning.txt", "learned.csv", "learning.html"]
     assert lines[2].startswith("reference   mean distance: measured ")
-    assert lines[3].startswith(f"estimated   without the sensor's drift, about: {estimate}°, ")
+    without_drift = "estimated   mean |φ_ref - φ| without the sensor's drift: "
+    assert lines[3].startswith(f"{without_drift}{estimate}°, ")
     assert lines[4].startswith("errors      mean |φ* - φ| ")
     assert lines[5] == f"written     {', '.join(str(folder / name) for name in written)}"
     made = {path.name for path in folder.iterdir()}
