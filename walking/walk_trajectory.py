@@ -184,7 +184,7 @@ def _change_heat(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np
     while share < 1.0:
         if WARM_UP_STEP * len(levels) > MAX_WARM_UP:
             raise _unreachable_heat()
-        # A wire's rate of temperature is between these.
+        # Find the rates of T, °C/s, without duty and at full duty.
         rates_off = wires.rates(states, np.zeros(W))[:W]
         rates_full = wires.rates(states, np.ones(W))[:W]
 
