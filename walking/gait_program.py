@@ -9,7 +9,7 @@ duration. The constraints are:
 - (17) of the heat, in every interval, as `heat_defects`;
 - a foot on the ground is at z = r - f_n / ρ, or in a plane at z = r if any foot swings, and carries
   a least share of the load;
-- a foot that sticks does not travel, and has ``|f_t| <= 0.8 μ f_n``;
+- a foot that sticks does not travel, and has |f_t| <= c μ f_n, with c of ``sticking_share``;
 - a foot that slides travels along one direction u in each phase, and has f_t = -μ f_n u;
 - a foot that swings carries nothing, is 1 mm clear of the ground at knots inside of its phase, and
   travels so little in an interval that it is clear in between;
@@ -65,8 +65,9 @@ SWING_CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0
 MAX_FRICTION_GAIN = 0.5  # of friction on itself, with which errors of loads grow twofold
 CONE_ROUNDING = 1e-3  # of a foot's load: radius of the blunt tip of the friction cone
 STICKING_SHARE = 0.8  # of μ, that feet that stick may use
-# The same of calibrated robots of four and more feet. A warp of their feet shifts loads: with more,
-# three of ten robots whose hips are within 1 mm made less than 0.85 of a stride, with this one.
+# The same of calibrated robots of four and more feet. A warp of their feet shifts loads: of ten
+# robots whose hips are within 1 mm, three made less than 0.85 of a stride with 0.8, and one did
+# with 0.6.
 STICKING_SHARE_CALIBRATED = 0.6
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.

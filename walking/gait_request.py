@@ -33,8 +33,8 @@ class GaitRequest:
       length. Less is faster, but more of the robots that are not quite as described fall. If None,
       25, or 12.5 if all limbs are calibrated.
     - ``sticking_share``: share of μ that feet that stick may use, at most 1. More is faster, but
-      the robot stands still if friction differs more from foot to foot. If None, 0.8, or 0.6 if
-      all limbs are calibrated, and there are more than three in space.
+      the robot stands still if friction or load differs from foot to foot. If None, 0.8, or 0.6
+      for a robot in space of four or more limbs, all of them calibrated.
     - ``intervals``: number of intervals between knots, shared by the phases; in a plane, a gait
       that is checked gets twice or four times as many, up to 96, where simulation differs.
     - ``near``: a gait of a robot or a course that differs little, of this schedule, to start from.

@@ -30,8 +30,8 @@ ARC_TURN = 0.2  # rad, in a cycle
 # by less, as legs that bend farther have more than one balance.
 SPOT_TURNS = 0.3, 0.2
 # Of μ, that feet that stick may use as a robot of four or more feet turns on the spot. With the
-# usual 0.8 a turn is a third faster, but feet warped by 0.5 mm share the load so that no foot
-# slides; with this, turns make more than three quarters on feet warped by 1 mm.
+# usual 0.8 a turn takes a third less time, but feet warped by 0.5 mm share the load so that no foot
+# slides. With 0.5, turns make more than three quarters on feet warped by 1 mm.
 SPOT_STICKING_SHARE = 0.5
 
 
@@ -51,7 +51,7 @@ def plan_gaits(
 
     Returns:
         Checked gaits by name: ahead, left, right, spot_left and spot_right, without those that were
-        not found. Gaits that turn do not fall with varied friction and limbs, either.
+        not found. Gaits that turn do not fall on the robots of `gait_check.variations`, either.
 
     Raises:
         PlanningError: if there is no gait ahead, or none that turns to one of the sides.
@@ -90,7 +90,8 @@ def _plan_arc(
 ) -> Gait | None:
     """Plan a gait along an arc, with the heat of the gait ahead if possible, else with its own.
 
-    With the share of friction that calibrated robots use ahead, few have gaits along arcs.
+    By default it uses the same share of friction as robots that are not calibrated: with the share
+    that calibrated robots use ahead, few of them have a gait along an arc.
     """
     request = dataclasses.replace(
         request,
@@ -108,7 +109,16 @@ def _plan_arc(
 
 
 def plan_spot_turn(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
-    """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
+    """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls.
+
+    Args:
+        robot: description of the robot.
+        sign: 1 to the left, -1 to the right.
+        request: request of the gait; four and more feet that stick use at most 0.5 of μ.
+
+    Returns:
+        The gait, or None if there is none.
+    """
     if len(robot.limbs) > 3:
         sticking_share = min(request.sticking_share or 1.0, SPOT_STICKING_SHARE)
         request = dataclasses.replace(request, sticking_share=sticking_share)

@@ -47,7 +47,15 @@ from walking.gait_program import (
     STICKING_SHARE_CALIBRATED,
 )
 from walking.gait_request import GaitRequest
-from walking.gait_set import AHEAD, TURNING_GAITS, gait_files, load_gaits, plan_gaits, save_gaits
+from walking.gait_set import (
+    AHEAD,
+    SPOT_STICKING_SHARE,
+    TURNING_GAITS,
+    gait_files,
+    load_gaits,
+    plan_gaits,
+    save_gaits,
+)
 from walking.heat_feedback import HeatFeedback
 from walking.robot import Robot
 from walking.robot_parameters import RobotParameters
@@ -496,9 +504,10 @@ STICKING = Option(
     type=float,
     metavar="SHARE",
     help="share of the friction that feet that stick may use: more is faster, but the robot "
-    "stands still if friction or load differs from foot to foot (default "
-    f"{STICKING_SHARE:g}, or {STICKING_SHARE_CALIBRATED:g} if all limbs are calibrated, four or "
-    "more in space)",
+    f"stands still if friction or load differs from foot to foot (default {STICKING_SHARE:g}, or "
+    f"{STICKING_SHARE_CALIBRATED:g} for a robot in space of four or more limbs, all of them "
+    f"calibrated; in a --set such robots go along arcs with {STICKING_SHARE:g} by default, and "
+    f"robots of four or more limbs turn on the spot with {SPOT_STICKING_SHARE:g} at most)",
 )
 
 COMMANDS = {
