@@ -12,6 +12,7 @@ from limb_systems import Recording
 from soft_limb.command import main
 from walking import GaitVariation, RobotParameters
 from walking.commands.gait_report import gait_report, gait_verdict
+from walking.commands.gait_summaries import gait_summary
 from walking.gait_check import NOMINAL_IN_MUJOCO
 
 from .conftest import quickened
@@ -109,6 +110,9 @@ def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(
     assert "turns are 98.0% to 98.0% of the planned one" in page
     heads, cells = (re.findall(rf"<{tag}[^>]*>([^<]*)</{tag}>", page) for tag in ("th", "td"))
     shown = dict(zip(heads, cells[cells.index("as planned") :], strict=False))
+    gait.check.sticking_share = 0.6
+    gait.check.remark = "with less of friction used than the 0.8 planned first."
+    assert "use at most 0.6 of μ; with less of friction used than" in str(gait_summary(gait))
     gait.check.spread = [GaitVariation("feet warped by +1 mm", fall="its body tilts")]
     assert "1 of 1 fall; a gait of a smaller sticking_share falls less" in gait_verdict(gait)
     assert (shown["mean turn, %"], shown["aside, %"], shown["T, °C"]) == ("98.0", "3.0", "61")
