@@ -83,9 +83,9 @@ def check_affine(limb: LimbParameters) -> None:
         off, half, on = (np.array(law.rates(states, duty, 20.0)) for duty in duties)
         if not np.allclose(half, (off + on) / 2, rtol=1e-6):
             raise LimbError(
-                f"The rates of {type(law).__name__} are not affine in the duty, as recording and "
-                "feedback take them to be. State them in a duty to which the heat is proportional, "
-                "as in PWM, and convert it where your board sets it."
+                f"The rates of {type(law).__name__} are not affine in the duty, as recording, "
+                "feedback and walks take them to be. State them in a duty to which the heat is "
+                "proportional, as in PWM, and convert it where your board sets it."
             )
 
 
