@@ -75,26 +75,25 @@ class NumericFunction:
 
 
 def check_affine(limb: LimbParameters) -> None:
-    """Raise LimbError unless rates of all wires at half duty are midway between off and on."""
+    """Raise LimbError if the rates of a wire at half duty are not midway between off and on."""
     for wire in limb.wires:
-        _check_affine(wire.law)
-
-
-def _check_affine(law: WireLaw) -> None:
-    states = np.array(law.warm_states(60.0, 20.0), float)
-    off, half, on = (np.array(law.rates(states, duty, 20.0)) for duty in np.array([0.0, 0.5, 1.0]))
-    if not np.allclose(half, (off + on) / 2, rtol=1e-6):
-        raise LimbError(
-            f"The rates of {type(law).__name__} are not affine in the duty, as recording and "
-            "feedback take them to be. State them in a duty to which the heat is proportional, as "
-            "in PWM, and convert it where your board sets it."
-        )
+        law = wire.law
+        states = np.array(law.warm_states(60.0, 20.0), float)  # of 60 °C in a room of 20 °C
+        duties = np.array([0.0, 0.5, 1.0])
+        off, half, on = (np.array(law.rates(states, duty, 20.0)) for duty in duties)
+        if not np.allclose(half, (off + on) / 2, rtol=1e-6):
+            raise LimbError(
+                f"The rates of {type(law).__name__} are not affine in the duty, as recording, "
+                "feedback and walks take them to be. State them in a duty to which the heat is "
+                "proportional, as in PWM, and convert it where your board sets it."
+            )
 
 
 def check_symbols(law: WireLaw) -> None:
     """Raise LimbError if a law gives other values with symbols than with numbers.
 
-    The first limb of a class of laws is checked, and the first with other words or switches.
+    It raises LimbError, too, if a field of the law has no default. The first limb of a class of
+    laws is checked, and the first with other words or switches.
     """
 
     def all_values(law: WireLaw, heat: Any, T0: Any, last: Any, join: Callable) -> Any:

@@ -99,9 +99,10 @@ class LimbModel:
 
     @functools.cached_property
     def _key(self) -> tuple:
-        """The same for equal limbs: the calibration's record changes no equation."""
+        """All that the equations depend on; limbs of equal keys share their parts."""
         plain = dataclasses.replace(self.parameters, calibration=None)
-        laws = [type(wire.law) for wire in plain.wires]  # a lab's own may have equal texts
+        # Laws of a lab's own may have equal texts.
+        laws = [type(wire.law) for wire in plain.wires]
         return repr(plain), *laws
 
 

@@ -66,8 +66,15 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 _OPERATION_BY_CODE = {
     getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()
 }
-# Operations of branches, which only the project's own functions may have.
-_BRANCH_CODES = [ca.OP_SIGN, ca.OP_LT, ca.OP_LE, ca.OP_IF_ELSE_ZERO]
+# Operations that jump, which a law of a wire must not use.
+_JUMPING_CODES = [
+    ca.OP_SIGN,
+    ca.OP_LT,
+    ca.OP_LE,
+    ca.OP_AND,
+    ca.OP_NOT,
+    ca.OP_IF_ELSE_ZERO,
+]
 
 # CasADi evaluates fewer points than these: numpy takes half a microsecond for each instruction.
 FEW_POINTS = 40
@@ -253,15 +260,21 @@ def check_smooth(function: ca.Function) -> None:
     for number in range(function.n_instructions()):
         code = function.instruction_id(number)
         if code not in (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT):
-            _operation(code, of_law=True)
+            if code in _JUMPING_CODES:
+                raise _not_smooth_error(code)
+            _operation(code)
 
 
-def _operation(code: int, *, of_law: bool = False) -> Callable[..., Any]:
-    """Return numpy's function of one of CasADi's operations; a law must not have branches."""
-    if code in _OPERATION_BY_CODE and not (of_law and code in _BRANCH_CODES):
-        return _OPERATION_BY_CODE[code]
+def _operation(code: int) -> Callable[..., Any]:
+    """Return numpy's function of one of CasADi's operations."""
+    if code not in _OPERATION_BY_CODE:
+        raise _not_smooth_error(code)
+    return _OPERATION_BY_CODE[code]
+
+
+def _not_smooth_error(code: int) -> LimbError:
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
-    raise LimbError(
+    return LimbError(
         f"A law of a wire uses {names[code].removeprefix('OP_').lower()}, which is not smooth; "
         "write it with powers, exp, log, tanh and the like."
     )

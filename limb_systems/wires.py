@@ -200,7 +200,7 @@ class Wires:
     def holding_duty(self, states: np.ndarray) -> np.ndarray:
         """Return D (W,) under which wires of the states (N,) stay at their temperatures.
 
-        Where rates are not affine in the duty, it is near it.
+        If a law's rates are not affine in the duty, D is a first guess.
         """
         W = self.num_wires
         rates_off = self.rates(states, np.zeros(W))[:W]

@@ -78,7 +78,8 @@ class GaitCheck:
     - ``tolerance``: share of the planned stride by which a simulated one may differ.
     - ``steadiness``: least stiffness against pitch, as a multiple of weight times limb length.
     - ``sticking_share``: share of μ that feet that stick may use.
-    - ``remark``: why it is not as steady as requested; empty if it is.
+    - ``remark``: why it is not as steady as requested, or, in space, uses less friction; empty if
+      it is as requested.
     - ``checked_by``: the engines that simulated it; empty if none did.
     - ``made``: the gait's stride as a share of the program's stride; the gait gets the stride of
       the simulation.

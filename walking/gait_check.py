@@ -36,6 +36,7 @@ MAX_ENGINE_DIFFERENCE = 0.01  # of the planned stride, between MuJoCo and Drake
 MIN_STRIDE_SHARE = 0.5  # of the planned stride, of gaits that are taken
 DRAKE_NAME = "Drake in steps of 1 ms"
 MUJOCO_NAME = "MuJoCo"
+NOMINAL_IN_MUJOCO = "as planned, in MuJoCo"  # of the spread, to which the others compare
 
 
 def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: int = 0) -> Gait:
@@ -84,7 +85,7 @@ def check_gait(gait: Gait, cycles: int = NUM_CYCLES, spread: bool = True, seed: 
     )
     # Simulate robots with varied friction and parameters.
     if spread and not check.failure():
-        check.spread = [dataclasses.replace(first, what="as planned, in MuJoCo")]
+        check.spread = [dataclasses.replace(first, what=NOMINAL_IN_MUJOCO)]
         for change, robot in variations(gait.robot, seed):
             check.spread.append(simulate_gait(gait, change, robot, min(cycles, SPREAD_CYCLES)))
     return dataclasses.replace(gait, check=check)

@@ -486,22 +486,26 @@ def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
             return TOO_SOFT_REASON
 
     # Relax one limit after the other, until there is a gait.
+    relaxations = []
+    if requested.in_space and is_calibrated(requested.robot):
+        relaxations.append(
+            (
+                _with_robot(requested, _without_calibration(requested.robot)),
+                "some foot carries too little, or the feet stand too close together, for a robot "
+                "whose limbs and hips are not quite as described; set the limbs farther apart",
+            )
+        )
     margin = requested.temperature_margin
+    if margin:
+        relaxations.append(
+            (
+                program(temperature_margin=0.0),
+                f"wires that stay {margin:g} °C below T_max are too cold, as there would be one "
+                "without a margin; ask for a smaller one",
+            )
+        )
     slippery = _with_robot(requested, with_friction(requested.robot, RELAXED_FRICTION_FACTOR))
-    uncalibrated = _with_robot(requested, _without_calibration(requested.robot))
-    leans = (
-        uncalibrated,
-        "some foot carries too little, or the feet stand too close together, for a robot whose "
-        "limbs and hips are not quite as described; set the limbs farther apart",
-    )
-    too_cold = (
-        program(temperature_margin=0.0),
-        f"wires that stay {margin:g} °C below T_max are too cold, as there would be one without a "
-        "margin; ask for a smaller one",
-    )
-    for relaxed, reason in (
-        *([leans] if requested.in_space and is_calibrated(requested.robot) else []),
-        *([too_cold] if margin else []),
+    relaxations += [
         (
             slippery,
             f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
@@ -510,7 +514,9 @@ def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
         (
             program(sticking_share=np.inf),
             "there is no load transfer, as a foot that slides is not relieved enough for the "
-            "others to stick; set the limbs farther apart, or make the body lighter",
+            "others to stick; set the limbs farther apart, make the body lighter, or let feet "
+            f"that stick use more of the friction than {requested.sticking_share:g} "
+            "(sticking_share)",
         ),
         (program(steadiness=-np.inf), TOO_SOFT_REASON),
         (
@@ -518,7 +524,8 @@ def _infeasibility_reason(program: Callable[..., GaitProgram]) -> str:
             f"the wires are too weak, as it would take temperatures up to "
             f"{RELAXED_TEMPERATURE_RISE:g} °C higher",
         ),
-    ):
+    ]
+    for relaxed, reason in relaxations:
         try:
             _solve(relaxed, max_time=RELAXED_TIME)
         except PlanningError:

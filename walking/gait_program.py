@@ -9,7 +9,7 @@ duration. The constraints are:
 - (17) of the heat, in every interval, as `heat_defects`;
 - a foot on the ground is at z = r - f_n / ρ, or in a plane at z = r if any foot swings, and carries
   a least share of the load;
-- a foot that sticks does not travel, and has ``|f_t| <= 0.8 μ f_n``;
+- a foot that sticks does not travel, and has |f_t| <= c μ f_n, with c of ``sticking_share``;
 - a foot that slides travels along one direction u in each phase, and has f_t = -μ f_n u;
 - a foot that swings carries nothing, is 1 mm clear of the ground at knots inside of its phase, and
   travels so little in an interval that it is clear in between;
@@ -69,8 +69,8 @@ STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 # With more, three of ten robots whose hips are within 1 mm made less than 0.85 of a stride ahead,
 # with this one of ten.
 STICKING_SHARE_CALIBRATED = 0.6
-# The same on the spot. With 0.8 a turn is a third faster, but feet warped by 0.5 mm share the load
-# so that no foot slides; with this, most make more than three quarters on feet warped by 1 mm.
+# The same on the spot. With 0.8 a turn takes a third less time, but feet warped by 0.5 mm share the
+# load so that no foot slides; with this, most make three quarters on feet warped by 1 mm.
 STICKING_SHARE_ON_THE_SPOT = 0.5
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.

@@ -33,7 +33,7 @@ class GaitRequest:
       length. Less is faster, but more of the robots that are not quite as described fall. If None,
       25, or 12.5 if all limbs are calibrated.
     - ``sticking_share``: share of μ that feet that stick may use, at most 1. More is faster, but
-      the robot stands still if friction differs more from foot to foot. If None, 0.8; for robots
+      the robot stands still if friction or load differs from foot to foot. If None, 0.8; for robots
       in space of four or more limbs, all calibrated, 0.6 ahead, and 0.5 on the spot.
     - ``intervals``: number of intervals between knots, shared by the phases; in a plane, a gait
       that is checked gets twice or four times as many, up to 96, where simulation differs.

@@ -46,7 +46,7 @@ def plan_gaits(
 
     Returns:
         Checked gaits by name: ahead, left, right, spot_left and spot_right, without those that were
-        not found. Gaits that turn do not fall with varied friction and limbs, either.
+        not found. Gaits that turn do not fall on the robots of `gait_check.variations`, either.
 
     Raises:
         PlanningError: if there is no gait ahead, or none that turns to one of the sides.
@@ -96,7 +96,16 @@ def _plan_arc(
 
 
 def plan_spot_turn(robot: RobotParameters, sign: float, request: GaitRequest) -> Gait | None:
-    """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls."""
+    """Return the gait with the largest turn, of `schedules_on_the_spot`, that never falls.
+
+    Args:
+        robot: description of the robot.
+        sign: 1 to the left, -1 to the right.
+        request: request of the gait.
+
+    Returns:
+        The gait, or None if there is none.
+    """
     for turn, schedule in itertools.product(SPOT_TURNS, schedules_on_the_spot(robot)):
         with contextlib.suppress(PlanningError):
             gait = plan_gait(robot, request, turn=sign * turn, stride=0.0, schedule=schedule)

@@ -7,6 +7,7 @@ from scipy.interpolate import PchipInterpolator
 from limb_systems import LimbError, LimbModel, PlanCheck, Provenance, Trajectory, bend_angle
 from limb_systems.files.signal_table import doses
 from limb_systems.kinematics import joint_angles_from_bend_angle
+from limb_systems.law_functions import check_affine
 from limb_systems.simulation import PERIOD
 from limb_systems.wire_laws.wire_law import duty_for_rate
 from limb_systems.wires import Wires
@@ -52,12 +53,14 @@ def walk(
         cycle of four or more.
 
     Raises:
-        LimbError: if the gait failed its check, if a wire begins above T_max, or if the wires
-            cannot be brought to the gait's heat.
+        LimbError: if the gait failed its check, if the rates of a wire's law are not affine in the
+            duty, if a wire begins above T_max, or if the wires cannot be brought to the gait's
+            heat.
     """
     if not gait.check.is_missing and (failure := gait.check.failure()):
         raise LimbError(f"This gait failed its check and is not walked: {failure}")
     model = LimbModel.of(gait.parameters)
+    check_affine(model.parameters)
     wires = model.wires
     W = wires.num_wires
     limits = gait.parameters.temperature_limits
@@ -184,7 +187,7 @@ def _change_heat(gait: Gait, wires: Wires, start: np.ndarray) -> tuple[float, np
     while share < 1.0:
         if WARM_UP_STEP * len(levels) > MAX_WARM_UP:
             raise _unreachable_heat()
-        # A wire's rate of temperature is between these.
+        # Find the rates of T, °C/s, without duty and at full duty.
         rates_off = wires.rates(states, np.zeros(W))[:W]
         rates_full = wires.rates(states, np.ones(W))[:W]
 

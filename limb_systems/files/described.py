@@ -1,7 +1,6 @@
 """Descriptions that have a YAML file of their own, and the checks that all of them share."""
 
 import copy
-import dataclasses
 import hashlib
 import math
 import re
@@ -12,7 +11,7 @@ from typing import Self
 from limb_systems.errors import LimbError, reraise_as
 from limb_systems.files.input import first_line, read_text
 from limb_systems.files.output import write_atomically
-from limb_systems.files.schema import Strict, dump_typed, load_typed
+from limb_systems.files.schema import Strict, dump_typed, field_names, load_typed
 
 MAX_DENSITY = 20.0  # relative to water; iridium has 22
 
@@ -51,10 +50,10 @@ class Described(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "parameters", ParameterError)
-        # Other files of the package say what they are: tables in their first line.
+        # Tables of the package have their kind in the first line; robots alone have limbs.
         line = first_line(text)
         kind = line.kind if line else ""
-        fields = {field.name for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        fields = field_names(cls)  # type: ignore[arg-type]
         if "limbs" not in fields and re.search("^limbs:", text, re.MULTILINE):
             kind = "robot of several limbs"
         if kind:

@@ -74,16 +74,16 @@ def word(default: Any, words: collections.abc.Iterable, *, rare: bool = False) -
 
 
 @functools.cache
-def _field_names(schema: type) -> list[str]:
+def field_names(schema: type) -> tuple[str, ...]:
     """Return the names of the fields of a dataclass."""
-    return [field.name for field in dataclasses.fields(schema)]
+    return tuple(field.name for field in dataclasses.fields(schema))
 
 
 class Strict:
     """A dataclass that refuses an attribute for which it has no field or property."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        names = _field_names(type(self))  # type: ignore[arg-type]
+        names = field_names(type(self))  # type: ignore[arg-type]
         if name not in names and not isinstance(getattr(type(self), name, None), property):
             raise SchemaError(
                 f"{type(self).__name__} has no field {name!r}{did_you_mean(name, names)}; it has "

@@ -44,7 +44,8 @@ OPTIONS = {
     "min_refinement_steps": 0,  # of linear systems; IPOPT refines where they need it
     "mumps_permuting_scaling": 0,
     "mumps_scaling": 0,
-    "mumps_mem_percent": 100,  # more memory than MUMPS estimates; IPOPT's own 1000 takes longer
+    # % of memory beyond the estimate of MUMPS; with IPOPT's default, 1000, a solution takes longer.
+    "mumps_mem_percent": 100,
     "mumps_pivot_order": 2,  # approximate minimum fill: a quarter less time than the default
     "max_iter": 300,
     "print_level": 0,

@@ -108,7 +108,8 @@ class PlanProgram:
         # Let the task add constraints and costs, and find which these are.
         terms_before = {*prog.GetAllConstraints(), *prog.GetAllCosts()}
         if self.task.customize:
-            with np.errstate(invalid="ignore"):  # Drake's expressions are NaNs with data inside
+            # Numpy would warn of Drake's expressions, which are NaNs in its arrays.
+            with np.errstate(invalid="ignore"):
                 self.task.customize(self)
         self.added = [b for b in prog.GetAllConstraints() if b not in terms_before]
         self.added_costs = [b for b in prog.GetAllCosts() if b not in terms_before]

@@ -171,7 +171,7 @@ def solve_quasi_static(
         knots: np.ndarray,
         start: tuple[np.ndarray, np.ndarray] | None,
         is_near: bool = False,
-        accuracy: dict[str, float] | None = START_OPTIONS if is_start else None,
+        ipopt_options: dict[str, float] | None = START_OPTIONS if is_start else None,
     ) -> tuple[QuasiStaticProgram, Solution]:
         """Solve the program at some knots, from heat and duty at these knots."""
         program = QuasiStaticProgram(model, times[knots], model.statics, task, measured_margin)
@@ -183,7 +183,9 @@ def solve_quasi_static(
         if linear:
             return program, solve_program(program, linear.x, linear.multipliers)
         guess = program.variables(*start) if start else program.guess()
-        return program, solve_program(program, guess, starts_near=is_near, accuracy=accuracy)
+        return program, solve_program(
+            program, guess, starts_near=is_near, ipopt_options=ipopt_options
+        )
 
     # Solve a convex program, or a program with a start, at once.
     every = np.arange(len(times))
@@ -194,7 +196,7 @@ def solve_quasi_static(
     # Start another program from its solution at fewer knots.
     grid = np.linspace(times[0], times[-1], num_intervals + 1)
     some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
-    program, solution = solve(some, None, accuracy=COARSE_START_OPTIONS)
+    program, solution = solve(some, None, ipopt_options=COARSE_START_OPTIONS)
     heat = solution.x[program.heat]
     duty = solution.x[program.duty]
     rates = wires.heat_rates(heat, duty)

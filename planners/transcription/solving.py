@@ -81,7 +81,7 @@ def solve_program(
     multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
     starts_near: bool = False,
-    accuracy: dict[str, float] | None = None,
+    ipopt_options: dict[str, float] | None = None,
 ) -> Solution:
     """Solve a program by the first of these attempts that succeeds.
 
@@ -97,7 +97,7 @@ def solve_program(
         multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
         starts_near: whether the guess is near the solution.
-        accuracy: IPOPT's options, in place of those of the attempts.
+        ipopt_options: options of IPOPT, in place of those of the attempts.
 
     Raises:
         InfeasibleError: if a quasi-static program has no solution.
@@ -113,8 +113,9 @@ def solve_program(
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
-        tolerances = accuracy or {}
-        attempts = _attempts(program, guess, multipliers, solver, starts_near, tolerances, report)
+        attempts = _attempts(
+            program, guess, multipliers, solver, starts_near, ipopt_options or {}, report
+        )
         for name, blocks, attempt in attempts:
             if time.process_time() - first_process_time > LONGEST_SOLVE:
                 failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
@@ -157,7 +158,7 @@ def _attempts(
     multipliers,
     solver,
     starts_near: bool,
-    accuracy: dict[str, float],
+    ipopt_options: dict[str, float],
     report: Callable,
 ):
     """Yield the names of the attempts, their blocks, and functions that make them."""
@@ -171,7 +172,7 @@ def _attempts(
         """Solve the program with IPOPT in the remaining time."""
         left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
         solver_options = SolverOptions()
-        for option, value in {"max_cpu_time": left, **options, **accuracy}.items():
+        for option, value in {"max_cpu_time": left, **options, **ipopt_options}.items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
         fixed = program.free_readings if blocks is program.cheap_blocks else ()
         solver = ExactHessianIpoptSolver(

@@ -88,6 +88,8 @@ def test_drakes_scalars_pass_through():
 
 NOT_SMOOTH = {
     "fmax": lambda x: ca.fmax(x, 0.0),
+    "not": ca.logic_not,
+    "and": lambda x: ca.logic_and(x, x - 1.0),
     "sign": ca.sign,
     "le": lambda x: x * (x <= 1.0),
     "if_else_zero": lambda x: ca.if_else(x, 1.0, 0.0),

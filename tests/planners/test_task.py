@@ -349,8 +349,8 @@ def test_starts_are_as_accurate_as_they_are_asked_to_be(monkeypatch):
     limb, times = LimbParameters(), np.linspace(0.0, 1.0, 11)
     program = QuasiStaticProgram(limb, times, LimbModel.of(limb).statics, Task())
     program.update(np.zeros((1, 11)), np.full(4, 25.0), 20.0)
-    for accuracy in (None, solving.COARSE_START_OPTIONS):
-        solve_program(program, program.guess(), starts_near=True, accuracy=accuracy)
+    for options in (None, solving.COARSE_START_OPTIONS):
+        solve_program(program, program.guess(), starts_near=True, ipopt_options=options)
     asked = solving.NEAR_OPTIONS, solving.NEAR_OPTIONS | solving.COARSE_START_OPTIONS
     for options, expected in zip(used, asked, strict=True):
         assert expected.items() <= options.items()

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from limb_systems import LimbError, Recording, RestMemory, simulate
+from limb_systems import LimbError, LinearLaw, Recording, RestMemory, simulate
 from limb_systems.limb_parameters import CalibrationRecord
 from walking import Gait, GaitVariation, Robot, RobotParameters, check_gait, walk
 from walking.gait import STRIDE_TOLERANCE_IN_SPACE
@@ -201,6 +201,22 @@ def test_no_walk_of_a_gait_that_failed_its_check(checked):
     )
     with pytest.raises(LimbError, match="failed its check and is not walked"):
         walk(failed, 1)
+
+
+class SquareLaw(LinearLaw):
+    """A linear law of wires that a board heats by the square of the duty."""
+
+    def rates(self, x, D, T0):
+        return LinearLaw.rates(self, x, D**2, T0)
+
+
+def test_no_walk_of_wires_whose_heat_is_not_proportional_to_the_duty(gait):
+    robot = copy.deepcopy(gait.robot)
+    for limb in robot.limbs:
+        for wire in limb.parameters.wires:
+            wire.law = SquareLaw()
+    with pytest.raises(LimbError, match="rates of SquareLaw are not affine in the duty"):
+        walk(dataclasses.replace(gait, robot=robot), 1)
 
 
 def test_mujoco_walks_as_drake_does(checked):

@@ -25,10 +25,11 @@ from walking import (
     gait_planning,
     plan_gait,
 )
+from walking.course import Course
 from walking.gait import STRIDE_TOLERANCE_IN_SPACE, rotate_to_heading
 from walking.gait_check import simulate_gait, variations
 from walking.gait_planning import _solve_with_gradual_turns
-from walking.gait_program import MIN_STANCE_STIFFNESS, GaitProgram
+from walking.gait_program import MIN_STANCE_STIFFNESS, GaitProgram, default_sticking_share
 from walking.gait_request import GaitRequest
 from walking.gait_set import SPOT_TURNS, load_gaits, plan_spot_turn, save_gaits
 from walking.robot import set_positions
@@ -50,6 +51,13 @@ def gaits() -> dict[str, Gait]:
     left = plan_gait(THREE, turn=0.2, begins_as=ahead, **near)
     spot = plan_gait(THREE, turn=-0.4, stride=0.0, schedule=ahead.schedule, **few)
     return {"ahead": ahead, "left": left, "spot": spot}
+
+
+def calibrated(robot: RobotParameters) -> RobotParameters:
+    robot = copy.deepcopy(robot)
+    for limb in robot.limbs:
+        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    return robot
 
 
 def test_potential_and_feet_match_drakes_plant():
@@ -177,9 +185,7 @@ def test_gradual_paths_are_planned_with_where_a_law_has_them(monkeypatch, law):
 
 def test_feet_of_calibrated_robots_carry_more_and_stand_apart(gaits):
     """A sixth of the weight, so that a robot that leans to a side does not tip over."""
-    robot = copy.deepcopy(THREE)
-    for limb in robot.limbs:
-        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    robot = calibrated(THREE)
     least = []
     for described in (THREE, robot):
         program = GaitProgram(described, gaits["ahead"].schedule, [2] * 6)
@@ -271,9 +277,7 @@ def test_a_robot_walks_to_a_place_with_contact(gaits, tmp_path, capsys):
 
 def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
     """By the gait of `plan_gaits`; with less friction to spare, such robots did not turn."""
-    robot = RobotParameters.in_space(4)
-    for limb in robot.limbs:
-        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    robot = calibrated(RobotParameters.in_space(4))
     request = GaitRequest(check=False, explain=False, intervals=12, temperature_margin=5.0)
     gait = plan_spot_turn(robot, 1.0, request)
     assert gait.turn == pytest.approx(SPOT_TURNS[0])
@@ -283,6 +287,32 @@ def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
         simulated = simulate_gait(gait, "", other, 2)
         assert simulated.fall == ""
         assert simulated.strides[-1] >= 0.75
+
+
+def test_four_calibrated_limbs_have_more_friction_to_spare():
+    """Three feet stand on any ground, and a plane's robots are in a line."""
+    four = RobotParameters.in_space(4)
+    courses = Course(), Course(0.2), Course(0.3, 0.0)  # ahead, along an arc, on the spot
+    for robot, shares in (
+        (calibrated(four), [0.6, 0.8, 0.5]),
+        (four, [0.8] * 3),
+        (calibrated(THREE), [0.8] * 3),
+        (calibrated(RobotParameters()), [0.8] * 3),
+    ):
+        assert [default_sticking_share(robot, course) for course in courses] == shares
+
+
+@pytest.mark.parametrize(("num_limbs", "warps"), [(3, []), (4, [-1e-3, 1e-3])])
+def test_four_feet_are_warped_either_way_in_the_spread(num_limbs, warps):
+    robot = RobotParameters.in_space(num_limbs)
+    heights = robot.hips[:, 2]
+    found = []
+    for change, other in variations(robot):
+        raised = other.hips[:, 2] - heights
+        if raised.any():
+            assert change == f"feet warped by {1e3 * (raised @ [1, -1, -1, 1]):+g} mm"
+            found.append(raised @ [1, -1, -1, 1])
+    assert found == pytest.approx(warps)
 
 
 def test_gait_feedback_is_refused_in_space(gaits):

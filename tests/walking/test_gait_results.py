@@ -12,6 +12,8 @@ from limb_systems import Recording
 from soft_limb.command import main
 from walking import GaitVariation, RobotParameters
 from walking.commands.gait_report import gait_report, gait_verdict
+from walking.commands.gait_summaries import gait_summary
+from walking.gait_check import NOMINAL_IN_MUJOCO
 
 from .conftest import quickened
 
@@ -84,6 +86,9 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     assert "a wire reaches 107 °C, above its limit of 100 °C, with parameters +-10%, draw 1" in (
         gait_verdict(gait)
     )
+    assert "On other robots or ground 1 of 2 fall; a gait of more steadiness" in gait_verdict(gait)
+    gait.check.spread.insert(0, dataclasses.replace(gait.check.simulation, what=NOMINAL_IN_MUJOCO))
+    assert "1 of 2 fall" in gait_verdict(gait)
     frames = int(re.search(r'type="range" min="0" max="(\d+)"', replay)[1])
     assert frames == pytest.approx(3 * 3.0 * 20)  # three cycles
     values = np.array(json.loads(re.search(r"const values = (\[\[.*?\]\]);", replay)[1]))
@@ -105,6 +110,11 @@ def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(
     assert "turns are 98.0% to 98.0% of the planned one" in page
     heads, cells = (re.findall(rf"<{tag}[^>]*>([^<]*)</{tag}>", page) for tag in ("th", "td"))
     shown = dict(zip(heads, cells[cells.index("as planned") :], strict=False))
+    gait.check.sticking_share = 0.6
+    gait.check.remark = "with less of friction used than the 0.8 planned first."
+    assert "use at most 0.6 of μ; with less of friction used than" in str(gait_summary(gait))
+    gait.check.spread = [GaitVariation("feet warped by +1 mm", fall="its body tilts")]
+    assert "1 of 1 fall; a gait of a smaller sticking_share falls less" in gait_verdict(gait)
     assert (shown["mean turn, %"], shown["aside, %"], shown["T, °C"]) == ("98.0", "3.0", "61")
     Recording(
         time=gait.time,

@@ -11,6 +11,7 @@ from limb_systems.views.replay_page import replay_page
 from soft_limb.reports import page
 from walking.commands.gait_summaries import gait_summary, overheating_remark
 from walking.gait import Gait, GaitVariation
+from walking.gait_check import NOMINAL_IN_MUJOCO
 
 
 def gait_verdict(gait: Gait) -> str:
@@ -34,7 +35,6 @@ def gait_verdict(gait: Gait) -> str:
     if failure := gait.check.failure():
         return f"{text} Not to be used: {failure}"
     simulation = gait.check.simulation
-    spread = gait.check.spread
     num_cycles = len(simulation.strides)
     from_second = ", from the second on," * (num_cycles > 1)
     shares = simulation.settled_strides
@@ -46,10 +46,12 @@ def gait_verdict(gait: Gait) -> str:
     if asides := simulation.settled_aside:
         text += f", and the robot goes or turns aside by at most {max(asides):.1%} of it"
     text += "."
-    if fallen := sum(bool(variation.fall) for variation in spread):
+    others = [each for each in gait.check.spread if each.what != NOMINAL_IN_MUJOCO]
+    if fallen := sum(bool(variation.fall) for variation in others):
+        remedy = "a smaller sticking_share" if gait.in_space else "more steadiness"
         text += (
-            f" With other friction or parameters {fallen} of {len(spread)} fall; a gait of more "
-            "steadiness falls less and is slower."
+            f" On other robots or ground {fallen} of {len(others)} fall; a gait of {remedy} falls "
+            "less and is slower."
         )
     if hot := overheating_remark(gait):
         text += f" {hot[0].upper()}{hot[1:]}."

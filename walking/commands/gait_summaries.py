@@ -38,11 +38,14 @@ def gait_summary(gait: Gait) -> Summary:
         spread.append(f"falls with {', '.join(fallen)}")
     if hot := overheating_remark(gait):
         spread.append(hot)
+    # The remark is on what makes a gait safer: steadiness in a plane, friction to spare in space.
     steadiness = [
         f"{check.steadiness:.3g} x weight x limb length against pitch",
         "gaits of less are faster and tip over sooner",
-        *([check.remark.rstrip(".")] if check.remark else []),
     ]
+    friction = [f"feet that stick use at most {check.sticking_share:.3g} of μ"]
+    if check.remark:
+        (friction if gait.in_space else steadiness).append(check.remark.rstrip("."))
     announced = FIRST_STRIDE_REMARK
     if check.made != 1.0:
         announced += f"; strides of the simulation, {check.made:.1%} of the program's"
@@ -52,6 +55,7 @@ def gait_summary(gait: Gait) -> Summary:
             "phases": "\n".join(phases),
             "solver": solver,
             "steadiness": "; ".join(steadiness) if np.isfinite(check.steadiness) else "",
+            "friction": "; ".join(friction) if np.isfinite(check.sticking_share) else "",
             "checked by": check.checked_by,
             "announced": announced,
             "failure": failure or "",
