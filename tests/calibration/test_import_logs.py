@@ -674,6 +674,7 @@ def test_lines_of_terminals_sketches_and_labview(tmp_path, truth, form, head):
     check(recording, truth)
 
 
+@pytest.mark.filterwarnings("ignore:.*The mapping has no temperature")
 def test_a_mapping_says_what_no_log_does(tmp_path, truth, cases):
     """Frames at a rate, inverted duty, a camera's file, and signed commands of a limb in space."""
     wires = "wires:\n- {name: left, duty: pwm_left, temperature: T_left_C}\n"
