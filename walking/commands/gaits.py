@@ -48,14 +48,7 @@ from walking.gait_program import (
     STICKING_SHARE_ON_THE_SPOT,
 )
 from walking.gait_request import GaitRequest
-from walking.gait_set import (
-    AHEAD,
-    TURNING_GAITS,
-    gait_files,
-    load_gaits,
-    plan_gaits,
-    save_gaits,
-)
+from walking.gait_set import AHEAD, TURNING_GAITS, gait_files, load_gaits, plan_gaits, save_gaits
 from walking.heat_feedback import HeatFeedback
 from walking.robot import Robot
 from walking.robot_parameters import RobotParameters
