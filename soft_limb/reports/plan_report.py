@@ -94,7 +94,7 @@ def learning_verdict(learner: Learner) -> str:
         texts.append(f"{read:.2f}° as read, about {estimated:.2f}° without the sensor's drift")
     first = f"Mean distance from the reference: in the first repetition {texts[0]}"
     if len(texts) > 1:
-        first += f"; in the last of {len(texts)} {texts[-1]}"
+        first += f"; in repetition {len(texts)}, the last, {texts[-1]}"
     sentences = [f"{first}."]
     if warning := far_from_reference(learner.trajectory):
         sentences.append(warning)
