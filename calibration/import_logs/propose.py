@@ -167,6 +167,10 @@ class Columns:
         text = words.QUESTIONS[kind].format(**facts)
         self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
+    def _is_asked(self, field: str) -> bool:
+        """Return whether there is a question about a field of the mapping."""
+        return any(question.field == field for question in self.questions)
+
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the questions, and a note on each column."""
         bend = log_mapping.bend
@@ -180,8 +184,9 @@ class Columns:
             notes[wire.temperature] = f"temperature of {whose} ({wire.unit})"
         notes = dict.fromkeys(self.table.names, "not used") | notes
         lines = [f"{column}: {notes[column]}" for column in self.table.names]
-        if any(question.field == "bend.zero" for question in self.questions):
-            bend.zero = None
+        for field in ("zero", "zero_e3"):
+            if self._is_asked(f"bend.{field}"):
+                setattr(bend, field, None)
         is_heated = bool(self.duties.moving)
         return Proposal(
             name, log_mapping, lines + self.notes, self.questions, is_heated, self.table.names
@@ -456,9 +461,11 @@ class Columns:
         if self.limb.segments[0].axes == 2 and len(candidates) == 2:
             first, second = sorted(candidates, key=lambda c: (c.name.axis, c.name.label))
             bend = self._bend_column(first)
-            bend_e3 = self._bend_column(second)
+            bend_e3 = self._bend_column(second, "_e3")
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
-            return dataclasses.replace(bend, zero_e3=bend_e3.zero or 0.0, scale_e3=bend_e3.scale)
+            # Columns of one unit have one scale, so that an answer is for both.
+            scale_e3 = 0.0 if bend_e3.scale == bend.scale else bend_e3.scale
+            return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=scale_e3)
         # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
@@ -512,8 +519,11 @@ class Columns:
         measures = mapping.CHORD if field == "bend.line" else mapping.BEND_ANGLE
         return BendColumns(UNKNOWN, scale=0.0, measures=measures)
 
-    def _bend_column(self, column: Column) -> BendColumns:
-        """Return how the bend is read from its column; the scale is 0 if that is not known."""
+    def _bend_column(self, column: Column, axis: str = "") -> BendColumns:
+        """Return how the bend is read from its column; the scale is 0 if that is not known.
+
+        ``axis`` is the end of the mapping's fields for the column: "_e3" for a second bend.
+        """
         self.free = self.free.without([column])
         # Names say what the angle is of.
         name = column.name
@@ -527,10 +537,10 @@ class Columns:
         scale = self._degrees_per_unit(column)
         rest = float(np.median(column.present[:10]))
         if not scale:
-            self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
-            self.notes.append(f"bend.zero: the first number of {column.text}, {rest:.4g}")
+            self.ask("scale", f"bend.scale{axis}", ["1.0", "57.29578"], column=column.text)
+            self.notes.append(f"bend.zero{axis}: the first number of {column.text}, {rest:.4g}")
         elif abs(wrap_angle(rest * scale, 360.0)) > MAX_REST_BEND:
-            self.ask("zero", "bend.zero", [f"{rest:g}", "0.0"], columns=column.text)
+            self.ask("zero", f"bend.zero{axis}", [f"{rest:g}", "0.0"], columns=column.text)
         else:
             rest = 0.0
         return BendColumns(column.text, zero=rest, scale=scale, measures=measures)
@@ -588,7 +598,7 @@ class Columns:
         is_clear = True
         if not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
-        elif not bend.scale:
+        elif not bend.scale or self._is_asked("bend.scale_e3"):
             is_clear = False
         else:
             votes = self._bend_votes(log_mapping)[is_heated]
@@ -614,10 +624,11 @@ class Columns:
 
     def _ask_sign(self, bend: BendColumns) -> None:
         """Ask for the sign of a bend, unless its scale is asked for already."""
-        if bend.scale:
-            choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
-            self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
-            bend.scale = 0.0
+        for field in ("scale", "scale_e3"):
+            if scale := getattr(bend, field):
+                choices = [f"{scale:g}", f"{-scale:g}"]
+                self.ask("sign", f"bend.{field}", choices, columns=" and ".join(bend.columns))
+                setattr(bend, field, 0.0)
 
     def _bend_votes(self, log_mapping: LogMapping) -> np.ndarray:
         """Return how clearly each wire bends the limb to its side (W,), in standard errors."""

@@ -731,6 +731,33 @@ def test_a_mapping_says_what_no_log_does(tmp_path, truth, cases):
     )
 
 
+@pytest.mark.parametrize(
+    ("e3_name", "scale", "shift", "wires", "answers"),
+    [
+        ("bend_y_deg", 1.0, 45.0, [0, 1, 2], {"bend.zero_e3": "45"}),
+        ("bend_y", 10.0, 0.0, [0, 1, 2], {"bend.scale_e3": "0.1"}),
+        ("bend_y_deg", -1.0, 0.0, [0, 2, 1], {"bend.scale": "-1"}),
+    ],
+)
+def test_an_answer_about_bends_in_space_is_of_the_bends_that_the_question_is_of(
+    tmp_path, truth, e3_name, scale, shift, wires, answers
+):
+    limb = LimbParameters.in_space()
+    later = np.roll([truth.duty[0], truth.temperature[0]], 75, axis=1)
+    temperatures = np.array([*truth.temperature, later[1]])
+    levers = np.transpose([limb.wires[index].lever for index in wires])
+    bends = 0.5 * levers @ temperatures
+    shown = [np.sign(scale) * bends[0], np.round(scale * bends[1]) + shift]
+    columns = [truth.time, *truth.duty, later[0], *temperatures, *shown]
+    names = [f"{what}_{wire}" for what in ("pwm", "T_C") for wire in (1, 2, 3)]
+    path = write(tmp_path / "log.csv", ["time_s", *names, "bend_x_deg", e3_name], columns)
+    (log,) = import_logs([path], parameters=limb)
+    assert [question.field for question in log.limb.questions] == list(answers)
+    assert not log.recordings
+    recording = Recording.from_log(path, log.limb.mapping.with_answers(answers), limb)
+    assert np.rad2deg(recording.bend_angle) == pytest.approx(bends, abs=2.0)
+
+
 def test_files_with_the_time_of_day_in_several_zones_have_one_clock(tmp_path, truth):
     """A logger in local time, past midnight, and a camera in UTC that began 7.3 s later."""
     start = datetime.datetime(2026, 3, 3, 23, 58, 3)
