@@ -257,13 +257,15 @@ class Columns:
     def find_inversion(self) -> None:
         """Invert the heat back if duties are inverted, as other columns respond to the heat.
 
-        A duty is inverted if it rests at its largest number, or if a wire cools with it.
+        A duty is inverted if it is never 0 and rests at the largest number of all duties, or if a
+        wire cools with it.
         """
         duties = ColumnList(dict.fromkeys(self.duties))
         if not duties.moving:
             return
+        most = max(duties.each("top"))
         for column in duties:
-            rests_at_top = (column.present == column.present.max()).mean() > 0.05
+            rests_at_top = (column.present == most).mean() > 0.05
             if (rests_at_top and column.present.min() > 0) or self._cools(column):
                 self.is_inverted = True
         if self.is_inverted:

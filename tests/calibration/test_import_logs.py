@@ -446,6 +446,7 @@ def cases(truth):
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
         "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
+        "held": (names, [*base[:2], 20.0 + 0.0 * duty, *base[3:]]),
         "inverted, to 0": (names, [base[0], *np.round(255 - 510 * truth.duty), *base[3:]]),
         "inverted, T1 and T2": (numbers_of_sensors, [base[0], *(255 - counts), *base[3:]]),
         "swapped": ("time_s pwm_left pwm_right T_right_C T_left_C bend_deg", base),
@@ -549,6 +550,7 @@ def cases(truth):
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
         ("inverted", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),  # no thermocouple
+        ("held", "^the sign of bend_deg[^?]*$"),
         ("inverted, to 0", "pwm_left and pwm_right: the duty looks inverted"),
         ("inverted, T1 and T2", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
