@@ -25,7 +25,6 @@ from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, MAX_DUTY)
 COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
-SHARE_WORDS = {"duty", "duties", "tastgrad", "tastverhältnis", "stellgrad"}
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
@@ -701,11 +700,9 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
     # Names may have a range, such as 0..255, or a unit.
     most = float(levels.max())
     says = set()
-    says_share = False
     ranges = set()
     for column in duties:
         says |= {*column.name.says, column.name.unit}
-        says_share |= not SHARE_WORDS.isdisjoint(column.name.words)
         ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
     if len(ranges) == 1:
         full = float(min(ranges))
@@ -721,7 +718,7 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
         return 1.0
     if not is_whole:
         return 100.0 if MAX_VOLTS < most <= 100.1 else 0.0
-    if most in COUNTED_SCALES or (most == 100.0 and says_share):
+    if most in COUNTED_SCALES or (most == 100.0 and "share" in says):
         return most
     # Else all numbers are hundredths of one counter alone; a "pwm" has 8 bits if 7 are too few.
     fits = []
