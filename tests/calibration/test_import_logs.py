@@ -352,6 +352,16 @@ def test_numbers_that_no_sensor_reads_are_left_out_unless_readings_are_as_large(
     assert log.limb.mapping.missing == ["-127.0"]
 
 
+def test_a_few_bends_that_no_limb_has_are_left_out(tmp_path, truth):
+    degrees = np.rad2deg(truth.bend)
+    degrees[1::50] = 300.0
+    duty_and_temperatures = [*truth.duty, *truth.temperature]
+    path = write(tmp_path / "log.csv", NAMES, [truth.time, *duty_and_temperatures, degrees])
+    _, (recording,), remarks = read(path)
+    assert np.isnan(recording.bend_angle[0, 1::50]).all()
+    assert any("lack a reading" in remark for remark in remarks)
+
+
 def test_points_that_trackers_have_lost_have_no_direction():
     """Trackers repeat the last place of a point, or write 0, 0."""
     base = np.array([[50.0], [50.0]]) + np.zeros(20)
