@@ -352,6 +352,15 @@ def test_numbers_that_no_sensor_reads_are_left_out_unless_readings_are_as_large(
     assert log.limb.mapping.missing == ["-127.0"]
 
 
+def test_cells_are_numbers_with_units_and_switches_but_not_names_that_begin_with_a_number():
+    cells = {"22.5 °C": 22.5, "-1,5 V": -1.5, "HIGH": 1.0, "low": 0.0, "on": 1.0}
+    for cell, expected in cells.items():
+        assert table.number(cell, "," if "," in cell else ".") == expected
+    for name in ("101 (C)", "2 [V]"):
+        assert np.isnan(table.number(name))
+        assert table.is_name(name)
+
+
 def test_a_few_bends_that_no_limb_has_are_left_out(tmp_path, truth):
     degrees = np.rad2deg(truth.bend)
     degrees[1::50] = 300.0
