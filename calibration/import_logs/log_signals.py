@@ -372,13 +372,15 @@ def bends_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
                 angles[1] = (numbers - bend.zero_e3) * (bend.scale_e3 or bend.scale)
     if bend.seen:
         angles[:, table.numbers(bend.seen) == 0] = np.nan
-    # Turn angles that a compass shows from 0 to 360 into angles from -180 to 180.
-    largest_step = np.nanmax(np.abs(np.diff(angles)), initial=0.0)
-    if largest_step > 180.0 and np.nanmax(np.abs(angles)) <= 360.0:
-        angles = wrap_angle(angles, 360.0)
     # Leave out what no limb does, if it is little.
     is_beyond = (np.abs(angles) > 180.0).any(axis=0)
-    if (share := float(is_beyond.mean())) > MAX_FAILING_SHARE:
+    share = float(is_beyond.mean())
+    largest_step = np.nanmax(np.abs(np.diff(angles)), initial=0.0)
+    if share > MAX_FAILING_SHARE and largest_step > 180.0 and np.nanmax(np.abs(angles)) <= 360.0:
+        # Turn angles that a compass shows from 0 to 360 into angles from -180 to 180.
+        angles = wrap_angle(angles, 360.0)
+        is_beyond[:] = False
+    elif share > MAX_FAILING_SHARE:
         most = float(np.nanquantile(np.abs(angles), 0.99))
         raise LogError(
             f"the bend would be up to {most:.3g}°, and beyond ±180° in {share:.0%} of all rows; "

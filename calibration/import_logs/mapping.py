@@ -62,7 +62,7 @@ class BendColumns(Strict):
     line: list[str] = dataclasses.field(default_factory=list)
     base_line: list[str] = dataclasses.field(default_factory=list)
     zero: float | None = quantity(0.0, "", -1e12, 1e12)
-    zero_e3: float = quantity(0.0, "", -1e12, 1e12, rare=True)
+    zero_e3: float | None = quantity(0.0, "", -1e12, 1e12, rare=True)
     scale: float = quantity(1.0, "", -1e6, 1e6)
     scale_e3: float = quantity(0.0, "", -1e6, 1e6, rare=True)
     measures: str = word(BEND_ANGLE, [*MEASURES, UNKNOWN])
@@ -158,6 +158,7 @@ class LogMapping(Strict):
             bend_columns: UNKNOWN in self.bend.columns,
             "bend.scale": not self.bend.scale,
             "bend.zero": self.bend.zero is None,
+            "bend.zero_e3": self.bend.zero_e3 is None,
             "bend.measures": self.bend.measures == UNKNOWN,
         }
         for index, wire in enumerate(self.wires):

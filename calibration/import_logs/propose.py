@@ -25,7 +25,6 @@ from limb_systems.limb_parameters import LimbParameters
 
 FULL_SCALES = (1.0, 100.0, 127.0, 255.0, 1023.0, 4095.0, MAX_DUTY)
 COUNTED_SCALES = FULL_SCALES[3:]  # of counters of 8 bits and more
-SHARE_WORDS = {"duty", "duties", "tastgrad", "tastverhältnis", "stellgrad"}
 MAX_VOLTS = 24.0  # below which numbers that are no counts may be volts or watts
 MAX_DUTY_RATIO = 5.0  # between the most of two duties that may be of one unit
 MIN_LEVELS = (3, 9)  # levels of duty that are hundredths of a counter not by chance, see below
@@ -167,6 +166,10 @@ class Columns:
         text = words.QUESTIONS[kind].format(**facts)
         self.questions.append(Question(field, text, texts, kind in CONTRADICTIONS))
 
+    def _is_asked(self, field: str) -> bool:
+        """Return whether there is a question about a field of the mapping."""
+        return any(question.field == field for question in self.questions)
+
     def proposal(self, name: str, log_mapping: LogMapping) -> Proposal:
         """Return a mapping with the questions, and a note on each column."""
         bend = log_mapping.bend
@@ -180,8 +183,9 @@ class Columns:
             notes[wire.temperature] = f"temperature of {whose} ({wire.unit})"
         notes = dict.fromkeys(self.table.names, "not used") | notes
         lines = [f"{column}: {notes[column]}" for column in self.table.names]
-        if any(question.field == "bend.zero" for question in self.questions):
-            bend.zero = None
+        for field in ("zero", "zero_e3"):
+            if self._is_asked(f"bend.{field}"):
+                setattr(bend, field, None)
         is_heated = bool(self.duties.moving)
         return Proposal(
             name, log_mapping, lines + self.notes, self.questions, is_heated, self.table.names
@@ -252,13 +256,15 @@ class Columns:
     def find_inversion(self) -> None:
         """Invert the heat back if duties are inverted, as other columns respond to the heat.
 
-        A duty is inverted if it rests at its largest number, or if a wire cools with it.
+        A duty is inverted if it is never 0 and rests at the largest number of all duties, or if a
+        wire cools with it.
         """
         duties = ColumnList(dict.fromkeys(self.duties))
         if not duties.moving:
             return
+        most = max(duties.each("top"))
         for column in duties:
-            rests_at_top = (column.present == column.present.max()).mean() > 0.05
+            rests_at_top = (column.present == most).mean() > 0.05
             if (rests_at_top and column.present.min() > 0) or self._cools(column):
                 self.is_inverted = True
         if self.is_inverted:
@@ -456,9 +462,11 @@ class Columns:
         if self.limb.segments[0].axes == 2 and len(candidates) == 2:
             first, second = sorted(candidates, key=lambda c: (c.name.axis, c.name.label))
             bend = self._bend_column(first)
-            bend_e3 = self._bend_column(second)
+            bend_e3 = self._bend_column(second, "_e3")
             bend = dataclasses.replace(bend, column="", e2=first.text, e3=second.text)
-            return dataclasses.replace(bend, zero_e3=bend_e3.zero or 0.0, scale_e3=bend_e3.scale)
+            # Columns of one unit have one scale, so that an answer is for both.
+            scale_e3 = 0.0 if bend_e3.scale == bend.scale else bend_e3.scale
+            return dataclasses.replace(bend, zero_e3=bend_e3.zero, scale_e3=scale_e3)
         # Without names, it is a column that follows the heat; another quantity needs a scale.
         if not candidates:
             unnamed = self._unnamed().having("looks_like_heat", False)
@@ -512,8 +520,11 @@ class Columns:
         measures = mapping.CHORD if field == "bend.line" else mapping.BEND_ANGLE
         return BendColumns(UNKNOWN, scale=0.0, measures=measures)
 
-    def _bend_column(self, column: Column) -> BendColumns:
-        """Return how the bend is read from its column; the scale is 0 if that is not known."""
+    def _bend_column(self, column: Column, axis: str = "") -> BendColumns:
+        """Return how the bend is read from its column; the scale is 0 if that is not known.
+
+        ``axis`` is the end of the mapping's fields for the column: "_e3" for a second bend.
+        """
         self.free = self.free.without([column])
         # Names say what the angle is of.
         name = column.name
@@ -527,10 +538,10 @@ class Columns:
         scale = self._degrees_per_unit(column)
         rest = float(np.median(column.present[:10]))
         if not scale:
-            self.ask("scale", "bend.scale", ["1.0", "57.29578"], column=column.text)
-            self.notes.append(f"bend.zero: the first number of {column.text}, {rest:.4g}")
+            self.ask("scale", f"bend.scale{axis}", ["1.0", "57.29578"], column=column.text)
+            self.notes.append(f"bend.zero{axis}: the first number of {column.text}, {rest:.4g}")
         elif abs(wrap_angle(rest * scale, 360.0)) > MAX_REST_BEND:
-            self.ask("zero", "bend.zero", [f"{rest:g}", "0.0"], columns=column.text)
+            self.ask("zero", f"bend.zero{axis}", [f"{rest:g}", "0.0"], columns=column.text)
         else:
             rest = 0.0
         return BendColumns(column.text, zero=rest, scale=scale, measures=measures)
@@ -588,7 +599,7 @@ class Columns:
         is_clear = True
         if not is_heated.any():
             self.notes.append("sign: no heat shows which way the limb bends; check bend.scale")
-        elif not bend.scale:
+        elif not bend.scale or self._is_asked("bend.scale_e3"):
             is_clear = False
         else:
             votes = self._bend_votes(log_mapping)[is_heated]
@@ -614,10 +625,11 @@ class Columns:
 
     def _ask_sign(self, bend: BendColumns) -> None:
         """Ask for the sign of a bend, unless its scale is asked for already."""
-        if bend.scale:
-            choices = [f"{bend.scale:g}", f"{-bend.scale:g}"]
-            self.ask("sign", "bend.scale", choices, columns=" and ".join(bend.columns))
-            bend.scale = 0.0
+        for field in ("scale", "scale_e3"):
+            if scale := getattr(bend, field):
+                choices = [f"{scale:g}", f"{-scale:g}"]
+                self.ask("sign", f"bend.{field}", choices, columns=" and ".join(bend.columns))
+                setattr(bend, field, 0.0)
 
     def _bend_votes(self, log_mapping: LogMapping) -> np.ndarray:
         """Return how clearly each wire bends the limb to its side (W,), in standard errors."""
@@ -688,11 +700,9 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
     # Names may have a range, such as 0..255, or a unit.
     most = float(levels.max())
     says = set()
-    says_share = False
     ranges = set()
     for column in duties:
         says |= {*column.name.says, column.name.unit}
-        says_share |= not SHARE_WORDS.isdisjoint(column.name.words)
         ranges |= set(re.findall(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", column.text))
     if len(ranges) == 1:
         full = float(min(ranges))
@@ -708,7 +718,7 @@ def _full_scale(duties: list[Column], levels: np.ndarray) -> float:
         return 1.0
     if not is_whole:
         return 100.0 if MAX_VOLTS < most <= 100.1 else 0.0
-    if most in COUNTED_SCALES or (most == 100.0 and says_share):
+    if most in COUNTED_SCALES or (most == 100.0 and "share" in says):
         return most
     # Else all numbers are hundredths of one counter alone; a "pwm" has 8 bits if 7 are too few.
     fits = []

@@ -263,7 +263,7 @@ class _Form:
             for name, cell in zip(names, cells, strict=True):
                 group = cell or group
                 joined.append(f"{group} {name}".strip() if counts[name] > 1 else name)
-            if max(Counter(filter(None, joined)).values(), default=1) == 1:
+            if max(Counter(filter(None, joined)).values()) == 1:
                 return joined
         return names
 

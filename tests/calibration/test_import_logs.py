@@ -352,6 +352,25 @@ def test_numbers_that_no_sensor_reads_are_left_out_unless_readings_are_as_large(
     assert log.limb.mapping.missing == ["-127.0"]
 
 
+def test_cells_are_numbers_with_units_and_switches_but_not_names_that_begin_with_a_number():
+    cells = {"22.5 °C": 22.5, "-1,5 V": -1.5, "HIGH": 1.0, "low": 0.0, "on": 1.0}
+    for cell, expected in cells.items():
+        assert table.number(cell, "," if "," in cell else ".") == expected
+    for name in ("101 (C)", "2 [V]"):
+        assert np.isnan(table.number(name))
+        assert table.is_name(name)
+
+
+def test_a_few_bends_that_no_limb_has_are_left_out(tmp_path, truth):
+    degrees = np.rad2deg(truth.bend)
+    degrees[1::50] = 300.0
+    duty_and_temperatures = [*truth.duty, *truth.temperature]
+    path = write(tmp_path / "log.csv", NAMES, [truth.time, *duty_and_temperatures, degrees])
+    _, (recording,), remarks = read(path)
+    assert np.isnan(recording.bend_angle[0, 1::50]).all()
+    assert any("lack a reading" in remark for remark in remarks)
+
+
 def test_points_that_trackers_have_lost_have_no_direction():
     """Trackers repeat the last place of a point, or write 0, 0."""
     base = np.array([[50.0], [50.0]]) + np.zeros(20)
@@ -446,6 +465,7 @@ def cases(truth):
         "glued": ("ms PWMlinks Rpwm T_left T_right bend_deg", [1000 * base[0], *base[1:]]),
         "warm": (names, [*base[:3], *warm, base[5]]),
         "inverted": (names, [base[0], *(255 - counts), *base[3:]]),
+        "held": (names, [*base[:2], 20.0 + 0.0 * duty, *base[3:]]),
         "inverted, to 0": (names, [base[0], *np.round(255 - 510 * truth.duty), *base[3:]]),
         "inverted, T1 and T2": (numbers_of_sensors, [base[0], *(255 - counts), *base[3:]]),
         "swapped": ("time_s pwm_left pwm_right T_right_C T_left_C bend_deg", base),
@@ -549,6 +569,7 @@ def cases(truth):
         ("switch and levels", "are they of one unit"),
         ("per cent or counts", "what is full duty"),
         ("inverted", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),  # no thermocouple
+        ("held", "^the sign of bend_deg[^?]*$"),
         ("inverted, to 0", "pwm_left and pwm_right: the duty looks inverted"),
         ("inverted, T1 and T2", "^[^?]*looks inverted[^?]*the sign of bend_deg[^?]*$"),
         ("swapped", "Names say T_left_C, but T_right_C warms with pwm_left"),
@@ -729,6 +750,33 @@ def test_a_mapping_says_what_no_log_does(tmp_path, truth, cases):
     assert np.abs(recording.bend_angle[1]).max() == pytest.approx(
         np.abs(truth.bend).max(), rel=0.01
     )
+
+
+@pytest.mark.parametrize(
+    ("e3_name", "scale", "shift", "wires", "answers"),
+    [
+        ("bend_y_deg", 1.0, 45.0, [0, 1, 2], {"bend.zero_e3": "45"}),
+        ("bend_y", 10.0, 0.0, [0, 1, 2], {"bend.scale_e3": "0.1"}),
+        ("bend_y_deg", -1.0, 0.0, [0, 2, 1], {"bend.scale": "-1"}),
+    ],
+)
+def test_an_answer_about_bends_in_space_is_of_the_bends_that_the_question_is_of(
+    tmp_path, truth, e3_name, scale, shift, wires, answers
+):
+    limb = LimbParameters.in_space()
+    later = np.roll([truth.duty[0], truth.temperature[0]], 75, axis=1)
+    temperatures = np.array([*truth.temperature, later[1]])
+    levers = np.transpose([limb.wires[index].lever for index in wires])
+    bends = 0.5 * levers @ temperatures
+    shown = [np.sign(scale) * bends[0], np.round(scale * bends[1]) + shift]
+    columns = [truth.time, *truth.duty, later[0], *temperatures, *shown]
+    names = [f"{what}_{wire}" for what in ("pwm", "T_C") for wire in (1, 2, 3)]
+    path = write(tmp_path / "log.csv", ["time_s", *names, "bend_x_deg", e3_name], columns)
+    (log,) = import_logs([path], parameters=limb)
+    assert [question.field for question in log.limb.questions] == list(answers)
+    assert not log.recordings
+    recording = Recording.from_log(path, log.limb.mapping.with_answers(answers), limb)
+    assert np.rad2deg(recording.bend_angle) == pytest.approx(bends, abs=2.0)
 
 
 def test_files_with_the_time_of_day_in_several_zones_have_one_clock(tmp_path, truth):
