@@ -4,9 +4,10 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
 from scipy.linalg import block_diag
-from wire_laws import LIMBS, random_state
+from wire_laws import LIMBS, limb_with, random_state
 
 from limb_systems import (
+    HystereticLaw,
     Limb,
     LimbModel,
     LimbParameters,
@@ -155,8 +156,10 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
 
 
 def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
+    """And its curvature, which hysteretic wires have."""
     generator = np.random.default_rng(3)
-    for parameters in limbs().values():
+    hysteretic = limb_with(HystereticLaw(), HystereticLaw())
+    for parameters in (*limbs().values(), hysteretic):
         model = LimbModel.of(parameters)
         states, levels = random_state(parameters, generator, 3)
         heat, duty, steps = states[:, 2 * parameters.num_joints :], levels, np.full(2, TIME_STEP)
