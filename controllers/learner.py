@@ -160,8 +160,8 @@ class Repetition:
 
     - ``reference_distance``, ``mean_error``: means of |φ_ref - φ| and of |φ* - φ| as it was
       read, rad; until it ended.
-    - ``estimated_distance``: mean of |φ_ref - φ| without noise and drift of the sensor, which the
-      model and all repetitions until then tell, rad; until it ended.
+    - ``estimated_distance``: estimate of the mean of |φ_ref - φ| without the sensor's noise and
+      drift, from the model and all repetitions so far, rad; until it ended.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: the consequence, if it was interrupted or undone; else empty.
     - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection` (M + 1, W).

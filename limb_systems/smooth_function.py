@@ -56,6 +56,9 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "POW": np.power,
     "CONSTPOW": np.power,
     "FABS": np.absolute,
+}
+# Operations that jump, which a law of a wire must not use.
+_JUMPS: dict[str, Callable[..., Any]] = {
     "SIGN": np.sign,
     "LT": np.less,
     "LE": np.less_equal,
@@ -64,17 +67,9 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "IF_ELSE_ZERO": _where,
 }
 _OPERATION_BY_CODE = {
-    getattr(ca, f"OP_{name}"): operation for name, operation in _OPERATIONS.items()
+    getattr(ca, f"OP_{name}"): operation for name, operation in (_OPERATIONS | _JUMPS).items()
 }
-# Operations that jump, which a law of a wire must not use.
-_JUMPING_CODES = [
-    ca.OP_SIGN,
-    ca.OP_LT,
-    ca.OP_LE,
-    ca.OP_AND,
-    ca.OP_NOT,
-    ca.OP_IF_ELSE_ZERO,
-]
+_CODES_OF_LAWS = {getattr(ca, f"OP_{name}") for name in ("CONST", "INPUT", "OUTPUT", *_OPERATIONS)}
 
 # CasADi evaluates fewer points than these: numpy takes half a microsecond for each instruction.
 FEW_POINTS = 40
@@ -259,10 +254,8 @@ def check_smooth(function: ca.Function) -> None:
     """Raise LimbError if a function uses an operation that is not smooth."""
     for number in range(function.n_instructions()):
         code = function.instruction_id(number)
-        if code not in (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT):
-            if code in _JUMPING_CODES:
-                raise _not_smooth_error(code)
-            _operation(code)
+        if code not in _CODES_OF_LAWS:
+            raise _not_smooth_error(code)
 
 
 def _operation(code: int) -> Callable[..., Any]:

@@ -99,9 +99,13 @@ class SerialLimb(LeafSystem, Closeable):
             self.info = self.link.info()
             check_fit(self.parameters, self.info, self.link.port)
             self.link.sample()
+            self._declare(port, heated)
         except BaseException:  # a signal, too
             self.link.close()
             raise
+
+    def _declare(self, port: Ports, heated: bool) -> None:
+        """Set the attributes; declare state, events and ports, see the class."""
         if isinstance(self.parameters.board, NoBoard):
             self.parameters.board = SerialBoard(self.info.serial_number)
         self.port = port

@@ -46,6 +46,11 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
         segments = [segment for _, segment in group]
         limbs.append((limb_name, dataclasses.replace(robot, segments=segments)))
     if sorted(name for name, _ in limbs) != sorted(names):
+        if not any(segment.name for segment in robot.segments):
+            raise LimbError(
+                f"There are ports for {', '.join(names)}, but this is a single limb; give one port "
+                "without a name."
+            )
         raise LimbError(
             f"There are ports for {', '.join(names)}, but the robot's segments are "
             f"{', '.join(segment_names)}; give a port for each limb, by its name."

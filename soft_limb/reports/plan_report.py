@@ -140,9 +140,13 @@ def write_learning_report(
     data = {"state of learning": state}
     for number in numbers:
         data[f"repetition {number}"] = recordings[number]
-    distance = "mean |φ_REF − φ|"
-    of_reference = [f"{distance} as read, °", f"{distance} without drift, °"]
-    header = ["repetition", *of_reference, "mean |φ* − φ| as read, °", "remark"]
+    header = [
+        "repetition",
+        "mean |φ_REF − φ| as read, °",
+        "mean |φ_REF − φ| without drift, °",
+        "mean |φ* − φ| as read, °",
+        "remark",
+    ]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),
         learned,

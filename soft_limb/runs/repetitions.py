@@ -10,6 +10,7 @@ import numpy as np
 
 from controllers import Learner
 from controllers.learner import Repetition
+from hardware.board.journal import closing
 from hardware.board.link import HardwareError, present_temperature
 from hardware.board.serial_limb import SerialLimb
 from hardware.board.several_boards import Ports, open_link
@@ -19,6 +20,7 @@ from hardware.replaying import ReplayError
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.output import OutputError, check_folder
 from limb_systems.files.table_writer import unfinished_files
+from limb_systems.limb_system import check_limb
 from limb_systems.progress import Progress
 from soft_limb.reports.plan_report import write_learning_report
 from soft_limb.runs.rollout import record_replay
@@ -65,26 +67,21 @@ def repeat(
         if path.exists():
             recording = Recording.load(path)
         else:
-            limb = limb_of_repetition()
-            if live:
-                sentence = f"Repetition {number} of {repetitions}"
-                if distances := [each.reference_distance for each in learner.repetitions]:
-                    listed = ", ".join(
-                        f"{np.rad2deg(each):.2f}°" for each in distances[-MAX_LISTED:]
+            limb = check_limb(limb_of_repetition())
+            with closing(limb):  # a robot, also if something fails before its replay
+                if live:
+                    live.say(_title(learner, repetitions))
+                before = unfinished_files(path)
+                try:
+                    recording = record_replay(
+                        learner.trajectory, limb, path, controller=learner.source(), live=live
                     )
-                    sentence += f"; mean distances from the reference so far, as read: {listed}"
-                live.say(sentence)
-            before = unfinished_files(path)
-            try:
-                recording = record_replay(
-                    learner.trajectory, limb, path, controller=learner.source(), live=live
-                )
-            except HardwareError as error:
-                new = unfinished_files(path) - before
-                if not new:
-                    raise
-                failure = error
-                recording = Recording.load(new.pop(), unfinished=True)
+                except HardwareError as error:
+                    new = unfinished_files(path) - before
+                    if not new:
+                        raise
+                    failure = error
+                    recording = Recording.load(new.pop(), unfinished=True)
         # Learn from it, and save the state before the next one begins.
         repetition = learner.update(recording)
         learner.save(folder / STATE_FILE)
@@ -93,6 +90,16 @@ def repeat(
         # Raise the robot's failure, which has been learned from.
         if failure:
             raise failure
+
+
+def _title(learner: Learner, repetitions: int) -> str:
+    """Return the live page's sentence on a learner's next repetition and the latest ones."""
+    sentence = f"Repetition {len(learner.repetitions) + 1} of {repetitions}"
+    latest = learner.repetitions[-MAX_LISTED:]
+    if latest:
+        distances = ", ".join(f"{np.rad2deg(each.reference_distance):.2f}°" for each in latest)
+        sentence += f"; mean distances from the reference so far, as read: {distances}"
+    return sentence
 
 
 def recording_path(folder: Path, number: int) -> Path:

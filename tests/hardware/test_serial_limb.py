@@ -61,6 +61,16 @@ def test_a_robot_of_six_wires_has_its_ports_and_heats_on_one_board(virtual_time)
     assert not any(board.events("duty")[-1][name] for name in limb.wire_names)
 
 
+def test_a_robot_that_cannot_be_built_leaves_its_port(virtual_time, monkeypatch):
+    board = VirtualBoard(virtual_time)
+    with monkeypatch.context() as patch:
+        patch.setattr("hardware.board.serial_limb.declare_state_output", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError) as error:
+            SerialLimb(board.port)
+    SerialLimb(board.port).close()  # while the traceback still has the first one
+    assert error
+
+
 def test_a_command_that_fails_switches_off_at_once(virtual_time):
     """Before the simulation ends by its error, a period later."""
     board = VirtualBoard(virtual_time)

@@ -17,7 +17,7 @@ from hardware import (
 )
 from hardware.board.several_boards import SeveralBoards, limbs_of
 from hardware.replaying import check_replayable
-from limb_systems import LimbError, Recording, SerialBoard
+from limb_systems import LimbError, LimbParameters, Recording, SerialBoard
 from planners import plan, references
 from soft_limb.command import main
 from walking import RobotLimb, RobotParameters
@@ -69,6 +69,8 @@ def test_limbs_have_their_segments_by_name():
     for names in (["rear"], ["rear", "front"], ["rear", "front_1", "middle"]):
         with pytest.raises(LimbError, match="are rear, front_1_1, front_1_2; give a port for each"):
             limbs_of(robot.as_single_limb, names)
+    with pytest.raises(LimbError, match="for rear, but this is a single limb; give one port with"):
+        limbs_of(LimbParameters(), ["rear"])
 
 
 def test_a_plan_is_replayed_on_all_boards_in_one_time(

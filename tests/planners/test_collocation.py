@@ -4,9 +4,10 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
 from scipy.linalg import block_diag
-from wire_laws import LIMBS, random_state
+from wire_laws import LIMBS, limb_with, random_state
 
 from limb_systems import (
+    HystereticLaw,
     Limb,
     LimbModel,
     LimbParameters,
@@ -155,8 +156,10 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
 
 
 def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
+    """And its curvature, which hysteretic wires have."""
     generator = np.random.default_rng(3)
-    for parameters in limbs().values():
+    hysteretic = limb_with(HystereticLaw(), HystereticLaw())
+    for parameters in (*limbs().values(), hysteretic):
         model = LimbModel.of(parameters)
         states, levels = random_state(parameters, generator, 3)
         heat, duty, steps = states[:, 2 * parameters.num_joints :], levels, np.full(2, TIME_STEP)
@@ -172,11 +175,21 @@ def test_blocks_of_equal_wires_have_the_rows_of_the_block_of_all_wires():
             np.add.at(changes, block.rows, block.jacobian(x) * direction[block.columns])
             return np.array([block.evaluate(x), changes])
 
+        def curvature(block, x=x, direction=direction):
+            """Return the second derivative along the direction, of all rows together."""
+            rows, columns = block.hessian_rows, block.hessian_columns
+            twice = np.where(rows == columns, 1.0, 2.0)
+            values = block.hessian(x, np.ones(len(block.lower)))
+            return (twice * values * direction[rows] * direction[columns]).sum()
+
         for size in (heat.shape[1], model.wires.num_states):  # with readings, and without
             expected = values_and_changes(whole).reshape(2, 2, -1)[..., :size].reshape(2, -1)
             blocks = fixed_time_heat_blocks(model, heat_at[:, :size], duty_at, places[2])
             actual = np.hstack([values_and_changes(block) for block in blocks])
             np.testing.assert_allclose(np.sort(actual), np.sort(expected), rtol=1e-9, atol=1e-9)
+        blocks = fixed_time_heat_blocks(model, heat_at, duty_at, places[2])
+        actual = sum(curvature(block) for block in blocks)
+        np.testing.assert_allclose(actual, curvature(whole), rtol=1e-9, atol=1e-12)
 
 
 def test_recurrence_in_chunks_is_the_recurrence_knot_by_knot():

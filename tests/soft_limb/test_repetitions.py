@@ -74,8 +74,10 @@ class Robot(Limb):
 
     real_time = True
 
+    closed = False
+
     def close(self):
-        pass
+        self.closed = True
 
 
 def test_robot_that_fails_leaves_an_interrupted_repetition(short_plan, tmp_path, monkeypatch):
@@ -94,6 +96,24 @@ def test_robot_that_fails_leaves_an_interrupted_repetition(short_plan, tmp_path,
     again = Learner.load(tmp_path / "learning.txt")
     assert [r.interrupted for r in again.repetitions] == ["The board switched off."]
     assert (tmp_path / "repetition_1.unfinished.csv").exists()
+
+
+def test_the_model_of_a_plan_repeats_it(short_plan, tmp_path):
+    learner = Learner(short_plan)
+    repeat(learner, lambda: Limb(short_plan.parameters), 1, tmp_path)
+    (repetition,) = learner.repetitions
+    assert repetition.interrupted == ""
+
+
+def test_robot_is_closed_if_a_repetition_fails_before_it_starts(short_plan, tmp_path, monkeypatch):
+    def fail(_):
+        raise MemoryError
+
+    robot = Robot(short_plan.parameters)
+    monkeypatch.setattr(Learner, "source", fail)
+    with pytest.raises(MemoryError):
+        repeat(Learner(short_plan), lambda: robot, 1, tmp_path)
+    assert robot.closed
 
 
 def test_emulated_limbs_rest_between_repetitions(short_plan):
