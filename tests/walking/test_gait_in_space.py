@@ -27,7 +27,7 @@ from walking import (
 )
 from walking.course import Course
 from walking.gait import STRIDE_TOLERANCE_IN_SPACE, rotate_to_heading
-from walking.gait_check import simulate_gait, variations
+from walking.gait_check import simulate_gait, variations, warp_pattern
 from walking.gait_planning import _solve_with_gradual_turns
 from walking.gait_program import MIN_STANCE_STIFFNESS, GaitProgram, default_sticking_share
 from walking.gait_request import GaitRequest
@@ -292,12 +292,13 @@ def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
 def test_four_calibrated_limbs_have_more_friction_to_spare():
     """Three feet stand on any ground, and a plane's robots are in a line."""
     four = RobotParameters.in_space(4)
-    courses = Course(), Course(0.2), Course(0.3, 0.0)  # ahead, along an arc, on the spot
+    # Ahead, along an arc, and on the spot, also as far as the robot can turn.
+    courses = Course(), Course(0.2), Course(0.3, 0.0), Course(-np.inf)
     for robot, shares in (
-        (calibrated(four), [0.6, 0.8, 0.5]),
-        (four, [0.8] * 3),
-        (calibrated(THREE), [0.8] * 3),
-        (calibrated(RobotParameters()), [0.8] * 3),
+        (calibrated(four), [0.6, 0.8, 0.5, 0.5]),
+        (four, [0.8] * 4),
+        (calibrated(THREE), [0.8] * 4),
+        (calibrated(RobotParameters()), [0.8] * 4),
     ):
         assert [default_sticking_share(robot, course) for course in courses] == shares
 
@@ -313,6 +314,16 @@ def test_four_feet_are_warped_either_way_in_the_spread(num_limbs, warps):
             assert change == f"feet warped by {1e3 * (raised @ [1, -1, -1, 1]):+g} mm"
             found.append(raised @ [1, -1, -1, 1])
     assert found == pytest.approx(warps)
+
+
+def test_three_feet_in_a_plane_are_not_warped():
+    """Though of three feet in a line, one may be higher."""
+    robot = RobotParameters()
+    middle = copy.deepcopy(robot.limbs[0])
+    middle.name, middle.position = "middle", [0.0, 0.0, 0.0]
+    robot.limbs.append(middle)
+    assert warp_pattern(robot).any()
+    assert not any("warped" in change for change, _ in variations(robot))
 
 
 def test_gait_feedback_is_refused_in_space(gaits):
