@@ -36,7 +36,7 @@ from walking.robot import set_positions
 from walking.schedules import candidate_schedules, format_schedule, parse_schedule
 from walking.walk_trajectory import walk
 from walking.walker import Walker
-from walking.wayfinder import GAIT, GOAL, join_gaits
+from walking.wayfinder import BEFORE, GAIT, GOAL, START, join_gaits
 
 from .conftest import contacts_of_intervals, quickened
 
@@ -460,6 +460,18 @@ def test_a_robot_that_does_not_turn_on_the_spot_goes_by_arcs(gaits, planned_trav
         there_by = "0212121000000212120011122331333"
         back_by = "3311111112200000212112121000"
         assert "".join(map(str, walked)) == there_by + back_by
+
+
+def test_the_first_cycle_after_another_gait_tells_of_such_cycles_alone(gaits):
+    finder = Wayfinder(gaits, [(0.5, 0.0)])
+    course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
+    for before, learned in ((0, [0]), (1, [0, 1, 2])):
+        course[[BEFORE, GAIT]] = before, 1
+        course[START : START + 3] = 0.0
+        expected = finder._expected_travel(course).copy()
+        finder._begin_cycle(course, np.zeros(3), 0.0)  # it made nothing
+        changed = (finder._expected_travel(course) != expected).any(axis=2)
+        assert np.argwhere(changed).tolist() == [[each, 1] for each in learned]
 
 
 def test_a_robot_that_no_gait_moves_is_stopped_after_each_was_tried(gaits, planned_travels):
