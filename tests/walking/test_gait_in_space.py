@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import EventStatus
 
 from limb_systems import HystereticLaw, LimbError, LimbModel, Recording
 from limb_systems.files.output import OutputError
@@ -289,6 +290,14 @@ def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
         assert simulated.strides[-1] >= 0.75
 
 
+def test_no_turn_on_the_spot_is_taken_with_which_a_varied_robot_falls(gaits, monkeypatch):
+    falling = copy.deepcopy(gaits["spot"])
+    falling.check.spread = [GaitVariation("friction x 0.7", fall="its body tilts")]
+    planned = iter([falling, gaits["spot"]])
+    monkeypatch.setattr("walking.gait_set.plan_gait", lambda *_, **__: next(planned))
+    assert plan_spot_turn(THREE, 1.0, GaitRequest()) is gaits["spot"]
+
+
 def test_four_calibrated_limbs_have_more_friction_to_spare():
     """Three feet stand on any ground, and a plane's robots are in a line."""
     four = RobotParameters.in_space(4)
@@ -472,6 +481,35 @@ def test_the_first_cycle_after_another_gait_tells_of_such_cycles_alone(gaits):
         finder._begin_cycle(course, np.zeros(3), 0.0)  # it made nothing
         changed = (finder._expected_travel(course) != expected).any(axis=2)
         assert np.argwhere(changed).tolist() == [[each, 1] for each in learned]
+
+
+@pytest.mark.parametrize(
+    ("pitch", "goal", "made", "reason"),
+    [
+        (0.0, 0.0, 1.0, ""),
+        (1.1, 0.0, 1.0, "the robot has fallen"),
+        (0.0, 1.0, 0.0, "the robot has arrived"),
+        (0.0, 0.0, 0.1, "the robot does not get on"),
+    ],
+)
+def test_a_walk_to_a_place_ends_with_a_reason(gaits, pitch, goal, made, reason):
+    finder = Wayfinder(gaits, [(0.5, 0.0)])
+    context = finder.CreateDefaultContext()
+    finder.get_input_port(2).FixValue(context, [0.0, 0.0, 0.06, 0.0, pitch, 0.0])
+    course = context.get_mutable_discrete_state(2).get_mutable_value()
+    course[GOAL] = goal
+    finder._expected_travel(course)[:] *= made
+    status = finder._check_end(context)
+    assert status.message() == reason
+    assert (status.severity() == EventStatus.Severity.kReachedTermination) == bool(reason)
+
+
+def test_a_place_has_a_tolerance_that_may_be_stretched(gaits):
+    finder = Wayfinder(gaits, [(0.5, 0.0, math.pi)])
+    heading = np.deg2rad(-180.0 + 9.0)
+    poses = np.array([[0.5, 0.514, 0.517], [0.0] * 3, [math.pi, heading, math.pi]])
+    assert finder.is_there(poses, 0).tolist() == [True, False, False]
+    assert finder.is_there(poses, 0, slack=1.2).all()
 
 
 def test_a_robot_that_no_gait_moves_is_stopped_after_each_was_tried(gaits, planned_travels):
