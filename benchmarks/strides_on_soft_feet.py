@@ -94,7 +94,8 @@ def main() -> None:
                 limb.parameters.calibration = CalibrationRecord([], [], [], [])
         damping = robot.feet.damping / robot.feet.stiffness * stiffness
         robot.feet = dataclasses.replace(robot.feet, stiffness=stiffness, damping=damping)
-        request = GaitRequest(temperature_margin=MARGIN, spread=False, explain=False)
+        # On the spot, `plan_gaits` takes no gait with which a robot of the spread falls.
+        request = GaitRequest(temperature_margin=MARGIN, spread=options.spot, explain=False)
         try:
             gait = (
                 plan_spot_turn(robot, 1.0, request) if options.spot else plan_gait(robot, request)

@@ -118,15 +118,16 @@ def _announce_stride(gait: Gait, simulation: GaitVariation, *others: GaitVariati
 def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotParameters]]:
     """Return the varied robots of `check_gait`, each with its change in words."""
     rng = np.random.default_rng(seed)
+    in_space = robot.body.mount == "free"
     varied = []
     for factor in FRICTION_FACTORS:
         varied.append((f"friction x {factor:g}", with_friction(robot, factor)))
     for number in range(1, NUM_DRAWS + 1):
         change = f"parameters +-{PARAMETER_VARIATION:.0%}, draw {number}"
-        has_feedback_of_heat = robot.body.mount == "free"
-        varied.append((change, with_varied_parameters(robot, rng, heat=not has_feedback_of_heat)))
+        # In space feedback holds the heat.
+        varied.append((change, with_varied_parameters(robot, rng, heat=not in_space)))
     # Three feet stand on any ground, and the feet of a plane's robot are in a line.
-    if robot.body.mount == "free" and warp_pattern(robot).any():
+    if in_space and warp_pattern(robot).any():
         for warp in (-EXPECTED_WARP, EXPECTED_WARP):
             change = f"feet warped by {1e3 * warp:+g} mm"
             varied.append((change, with_warp_and_friction(robot, warp, 0.0)))
@@ -147,7 +148,8 @@ def with_warp_and_friction(
     """Return a copy of a robot with other hips and friction.
 
     Args:
-        warp: h1 - h2 - h3 + h4 of four hips that are raised and lowered by turns, m.
+        warp: h1 - h2 - h3 + h4 of the heights of four hips, m, in the order of
+            `RobotParameters.in_space`. Two hips across each other are raised, the others lowered.
         logarithm: logarithm of the multiple of friction.
     """
     robot = with_friction(robot, float(np.exp(logarithm)))

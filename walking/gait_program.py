@@ -69,9 +69,9 @@ STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 # With more, three of ten robots whose hips are within 1 mm made less than 0.85 of a stride ahead,
 # with this one of ten.
 STICKING_SHARE_CALIBRATED = 0.6
-# The same on the spot. With 0.8 a turn takes a third less time, but feet warped by 0.5 mm share the
-# load so that no foot slides; with this, turns of five robots make 0.25 to 1.0 of the plan on feet
-# warped by 1 mm, 12 of 20 at least 0.7.
+# The same on the spot. With 0.8 a turn takes a third less time, but on feet warped by 0.5 mm the
+# lighter pair slides in both drags, so that the robot turns to and fro. With this, turns of five
+# robots make 0.25 to 1.0 of the plan on feet warped by 1 mm, 12 of 20 at least 0.7.
 STICKING_SHARE_ON_THE_SPOT = 0.5
 # Of weight x limb length, the least stiffness against pitch. Robots whose limbs pull 10% more and
 # less than planned tip over with less, open loop; with more they walk more slowly.

@@ -16,11 +16,7 @@ from calibration.remarks import CalibrationError
 from limb_systems import Recording
 from limb_systems.simulation import SimulationError
 from walking.gait import Gait, rotate_to_heading
-from walking.gait_check import (
-    EXPECTED_WARP,
-    measure_strides,
-    with_warp_and_friction,
-)
+from walking.gait_check import EXPECTED_WARP, measure_strides, with_warp_and_friction
 from walking.in_mujoco import simulate_in_mujoco
 from walking.robot_parameters import RobotParameters
 

@@ -17,7 +17,7 @@ from planners.transcription.solving import PlanningError
 from walking import Gait, GaitVariation, Robot, RobotLimb, RobotParameters, add_robot, plan_gait
 from walking.course import check_course
 from walking.gait_planning import _infeasibility_reason, standing_start
-from walking.gait_program import STEADINESS, Course, GaitProgram
+from walking.gait_program import STEADINESS, Course, GaitProgram, is_calibrated
 from walking.robot_parameters import walking_limb
 from walking.schedules import parse_schedule
 from walking.standing import FrictionGain, Stability, make_balance
@@ -308,6 +308,31 @@ def test_error_gives_the_reason_for_a_missing_gait():
         phases = parse_schedule(schedule, len(robot.limbs))
         program = partial(GaitProgram, robot, phases, [2] * 4, temperature_margin=margin)
         assert words in _infeasibility_reason(program)
+
+
+@pytest.mark.parametrize(
+    ("is_feasible", "words"),
+    [
+        (lambda program: program.robot.ground.friction < 0.1, "friction does not work one way"),
+        (lambda program: np.isinf(program.sticking_share), "more of the friction than 0.7"),
+        (lambda program: np.isinf(program.steadiness), "the limbs are too soft"),
+        (lambda program: program.temperature_margin < 0.0, "the wires are too weak, as it"),
+        # Loads and places of feet are bounded by calibration in space alone.
+        (lambda program: not is_calibrated(program.robot), "no single limit"),
+    ],
+)
+def test_error_names_the_limit_without_which_there_is_a_gait(monkeypatch, is_feasible, words):
+    def solve(program, max_time):
+        if not is_feasible(program):
+            raise PlanningError("none")
+
+    monkeypatch.setattr("walking.gait_planning._solve", solve)
+    robot = RobotParameters()
+    for limb in robot.limbs:
+        limb.parameters.calibration = CalibrationRecord([], [], [], [])
+    schedule = parse_schedule("fs ss sf ss", 2)
+    program = partial(GaitProgram, robot, schedule, [2] * 4, sticking_share=0.7)
+    assert words in _infeasibility_reason(program)
 
 
 def test_gait_is_in_balance_by_drakes_inverse_dynamics(gait):

@@ -96,6 +96,18 @@ def test_a_gait_is_planned_anew_with_the_turn_that_was_asked_for(gait_in_space, 
     assert plan_gait.call_args.kwargs["turn"] == pytest.approx(np.deg2rad(-25.0))
 
 
+@pytest.mark.parametrize(("share", "requested"), [(0.7, 0.7), (np.nan, None)])
+def test_a_gait_is_planned_anew_with_its_share_of_friction_if_it_has_one(
+    gait_in_space, monkeypatch, share, requested
+):
+    plan_gait = create_autospec(gait_planning.plan_gait, side_effect=PlanningError("none"))
+    monkeypatch.setattr("walking.commands.gaits.plan_gait", plan_gait)
+    gait = copy.deepcopy(gait_in_space)
+    gait.check.sticking_share = share
+    replan_gait(gait, gait.robot)
+    assert plan_gait.call_args.kwargs["sticking_share"] == requested
+
+
 def made_up_calibration() -> Calibration:
     """Return a calibration of the stiffness alone, with a remark that forbids plans."""
     stiffness = Estimate(0.11, 0.001, "N·m/rad")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import EventStatus
 
 from limb_systems import HystereticLaw, LimbError, LimbModel, Recording
 from limb_systems.files.output import OutputError
@@ -27,7 +28,7 @@ from walking import (
 )
 from walking.course import Course
 from walking.gait import STRIDE_TOLERANCE_IN_SPACE, rotate_to_heading
-from walking.gait_check import simulate_gait, variations
+from walking.gait_check import simulate_gait, variations, warp_pattern
 from walking.gait_planning import _solve_with_gradual_turns
 from walking.gait_program import MIN_STANCE_STIFFNESS, GaitProgram, default_sticking_share
 from walking.gait_request import GaitRequest
@@ -36,7 +37,7 @@ from walking.robot import set_positions
 from walking.schedules import candidate_schedules, format_schedule, parse_schedule
 from walking.walk_trajectory import walk
 from walking.walker import Walker
-from walking.wayfinder import GAIT, GOAL, join_gaits
+from walking.wayfinder import BEFORE, GAIT, GOAL, START, join_gaits
 
 from .conftest import contacts_of_intervals, quickened
 
@@ -289,15 +290,24 @@ def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
         assert simulated.strides[-1] >= 0.75
 
 
+def test_no_turn_on_the_spot_is_taken_with_which_a_varied_robot_falls(gaits, monkeypatch):
+    falling = copy.deepcopy(gaits["spot"])
+    falling.check.spread = [GaitVariation("friction x 0.7", fall="its body tilts")]
+    planned = iter([falling, gaits["spot"]])
+    monkeypatch.setattr("walking.gait_set.plan_gait", lambda *_, **__: next(planned))
+    assert plan_spot_turn(THREE, 1.0, GaitRequest()) is gaits["spot"]
+
+
 def test_four_calibrated_limbs_have_more_friction_to_spare():
     """Three feet stand on any ground, and a plane's robots are in a line."""
     four = RobotParameters.in_space(4)
-    courses = Course(), Course(0.2), Course(0.3, 0.0)  # ahead, along an arc, on the spot
+    # Ahead, along an arc, and on the spot, also as far as the robot can turn.
+    courses = Course(), Course(0.2), Course(0.3, 0.0), Course(-np.inf)
     for robot, shares in (
-        (calibrated(four), [0.6, 0.8, 0.5]),
-        (four, [0.8] * 3),
-        (calibrated(THREE), [0.8] * 3),
-        (calibrated(RobotParameters()), [0.8] * 3),
+        (calibrated(four), [0.6, 0.8, 0.5, 0.5]),
+        (four, [0.8] * 4),
+        (calibrated(THREE), [0.8] * 4),
+        (calibrated(RobotParameters()), [0.8] * 4),
     ):
         assert [default_sticking_share(robot, course) for course in courses] == shares
 
@@ -313,6 +323,16 @@ def test_four_feet_are_warped_either_way_in_the_spread(num_limbs, warps):
             assert change == f"feet warped by {1e3 * (raised @ [1, -1, -1, 1]):+g} mm"
             found.append(raised @ [1, -1, -1, 1])
     assert found == pytest.approx(warps)
+
+
+def test_three_feet_in_a_plane_are_not_warped():
+    """Though of three feet in a line, one may be higher."""
+    robot = RobotParameters()
+    middle = copy.deepcopy(robot.limbs[0])
+    middle.name, middle.position = "middle", [0.0, 0.0, 0.0]
+    robot.limbs.append(middle)
+    assert warp_pattern(robot).any()
+    assert not any("warped" in change for change, _ in variations(robot))
 
 
 def test_gait_feedback_is_refused_in_space(gaits):
@@ -449,6 +469,47 @@ def test_a_robot_that_does_not_turn_on_the_spot_goes_by_arcs(gaits, planned_trav
         there_by = "0212121000000212120011122331333"
         back_by = "3311111112200000212112121000"
         assert "".join(map(str, walked)) == there_by + back_by
+
+
+def test_the_first_cycle_after_another_gait_tells_of_such_cycles_alone(gaits):
+    finder = Wayfinder(gaits, [(0.5, 0.0)])
+    course = finder.CreateDefaultContext().get_discrete_state(2).value().copy()
+    for before, learned in ((0, [0]), (1, [0, 1, 2])):
+        course[[BEFORE, GAIT]] = before, 1
+        course[START : START + 3] = 0.0
+        expected = finder._expected_travel(course).copy()
+        finder._begin_cycle(course, np.zeros(3), 0.0)  # it made nothing
+        changed = (finder._expected_travel(course) != expected).any(axis=2)
+        assert np.argwhere(changed).tolist() == [[each, 1] for each in learned]
+
+
+@pytest.mark.parametrize(
+    ("pitch", "goal", "made", "reason"),
+    [
+        (0.0, 0.0, 1.0, ""),
+        (1.1, 0.0, 1.0, "the robot has fallen"),
+        (0.0, 1.0, 0.0, "the robot has arrived"),
+        (0.0, 0.0, 0.1, "the robot does not get on"),
+    ],
+)
+def test_a_walk_to_a_place_ends_with_a_reason(gaits, pitch, goal, made, reason):
+    finder = Wayfinder(gaits, [(0.5, 0.0)])
+    context = finder.CreateDefaultContext()
+    finder.get_input_port(2).FixValue(context, [0.0, 0.0, 0.06, 0.0, pitch, 0.0])
+    course = context.get_mutable_discrete_state(2).get_mutable_value()
+    course[GOAL] = goal
+    finder._expected_travel(course)[:] *= made
+    status = finder._check_end(context)
+    assert status.message() == reason
+    assert (status.severity() == EventStatus.Severity.kReachedTermination) == bool(reason)
+
+
+def test_a_place_has_a_tolerance_that_may_be_stretched(gaits):
+    finder = Wayfinder(gaits, [(0.5, 0.0, math.pi)])
+    heading = np.deg2rad(-180.0 + 9.0)
+    poses = np.array([[0.5, 0.514, 0.517], [0.0] * 3, [math.pi, heading, math.pi]])
+    assert finder.is_there(poses, 0).tolist() == [True, False, False]
+    assert finder.is_there(poses, 0, slack=1.2).all()
 
 
 def test_a_robot_that_no_gait_moves_is_stopped_after_each_was_tried(gaits, planned_travels):

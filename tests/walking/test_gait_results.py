@@ -110,6 +110,8 @@ def test_a_page_of_a_robot_that_turns_on_the_spot_speaks_of_turns(
     assert "turns are 98.0% to 98.0% of the planned one" in page
     heads, cells = (re.findall(rf"<{tag}[^>]*>([^<]*)</{tag}>", page) for tag in ("th", "td"))
     shown = dict(zip(heads, cells[cells.index("as planned") :], strict=False))
+    gait.check.simulation = GaitVariation(strides=[0.9, 0.99], aside=[0.3, 0.04])
+    assert "at most 4.0% of it" in gait_verdict(gait)  # in the second cycle
     gait.check.sticking_share = 0.6
     gait.check.remark = "with less of friction used than the 0.8 planned first."
     assert "use at most 0.6 of μ; with less of friction used than" in str(gait_summary(gait))

@@ -462,6 +462,7 @@ def replan_gait(gait: Gait, robot: RobotParameters) -> tuple[Gait, str]:
     new one on the fitted robot in MuJoCo.
     """
     margin = gait.parameters.temperature_limits.maximum - gait.wire_temperature.max()
+    share = gait.check.sticking_share  # NaN in files of gaits that do not say
     objective: Any = gait.check.objective
     try:
         planned = plan_gait(
@@ -471,7 +472,7 @@ def replan_gait(gait: Gait, robot: RobotParameters) -> tuple[Gait, str]:
             temperature_margin=max(0.0, margin),
             turn=gait.turn / gait.check.made,  # as asked for, not as simulated
             stride=0.0 if gait.on_the_spot else None,
-            sticking_share=gait.check.sticking_share,
+            sticking_share=share if np.isfinite(share) else None,
             intervals=sum(gait.intervals),
             near=gait,
             spread=False,
