@@ -290,6 +290,15 @@ def test_a_robot_turns_on_the_spot_on_feet_that_are_warped_by_a_millimetre():
         assert simulated.strides[-1] >= 0.75
 
 
+def test_calibrated_robots_turn_on_the_spot_with_rests_first():
+    robot = calibrated(RobotParameters.in_space(4))
+    request = GaitRequest(check=False, explain=False, intervals=12, temperature_margin=5.0)
+    gait = plan_gait(robot, request, turn=-np.inf)
+    assert gait.check.sticking_share == 0.5
+    assert gait.turn < -SPOT_TURNS[0]
+    assert format_schedule(gait.schedule) == "dssd ssss sdds ssss"
+
+
 def test_no_turn_on_the_spot_is_taken_with_which_a_varied_robot_falls(gaits, monkeypatch):
     falling = copy.deepcopy(gaits["spot"])
     falling.check.spread = [GaitVariation("friction x 0.7", fall="its body tilts")]
